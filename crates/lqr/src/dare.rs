@@ -1,0 +1,479 @@
+//! The discrete algebraic Riccati equation P = Q + A'PA - (A'PB + S)(R + B'PB)^-1(B'PA + S').
+//!
+//! Doubling finds a candidate, Newton steps on the Joseph residual polish it, and a candidate is
+//! returned only if the closed loop A + BK is stable and the residual small: that makes it *the* stabilising solution,
+//! which is unique. Stabilisability needs no test beforehand: for |lambda| >= 1,
+//! A + BK - lambda I = [A - lambda I, B][I; K], so the Hautus measure is at least
+//! 1 / (|[I; K]| sum |(A + BK)^j|), and a good candidate proves it. The explicit test runs where that bound is
+//! too weak, or where no candidate was good, to name the mode that is to blame.
+
+use crate::dense::{self, cholesky, cholesky_solve, identity, norm, norm_one};
+use crate::hautus::{self, UncontrollableMode, UnobservableMode};
+use crate::input::{self, InputError};
+use crate::riccati::{Balanced, Candidate, Problem, doubling, indefinite};
+use crate::spectrum::{self, SpectrumError, lyapunov_sum};
+use faer::{Mat, MatRef};
+
+const MAX_DOUBLINGS: usize = 50;
+const MAX_POLISH_STEPS: usize = 4;
+const MAX_KLEINMAN_STEPS: usize = 100;
+/// A candidate with a larger relative residual is no solution.
+const ACCEPTED_RESIDUAL: f64 = 1e-8;
+
+/// Why there is no answer. A `Dare` never returns a P that is not the stabilising solution.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum DareError {
+    /// Shapes, NaN, infinities, asymmetry.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A weight is indefinite beyond rounding.
+    #[error(
+        "{name} is not positive semidefinite: least eigenvalue {eigenvalue:e}, tolerance {tolerance:e}"
+    )]
+    IndefiniteWeight {
+        /// Q, R or [Q S; S' R].
+        name: &'static str,
+        /// Its least eigenvalue.
+        eigenvalue: f64,
+        /// Distance below zero that counts as rounding.
+        tolerance: f64,
+    },
+    /// A mode on or outside the unit circle that no input reaches: no gain stabilises the pair.
+    #[error("not stabilisable: no input reaches {mode}")]
+    NotStabilisable {
+        /// The mode.
+        mode: UncontrollableMode,
+    },
+    /// A mode on the unit circle without weight: the optimal law leaves it there.
+    #[error("no stabilising solution: the weight does not see {mode} on the unit circle")]
+    UnobservableOnCircle {
+        /// The mode.
+        mode: UnobservableMode,
+    },
+    /// R + B'PB is singular: the optimal input is not unique.
+    #[error(
+        "R + B'PB is singular to working precision: an input has neither a weight nor an effect that costs"
+    )]
+    SingularInputHessian,
+    /// Entries so large or small that powers of the matrices overflow.
+    #[error("the eigenvalues of A could not be computed")]
+    Spectrum(#[source] SpectrumError),
+    /// No route reached a stabilising solution with a small residual, though the tests find no mode to blame.
+    #[error(
+        "no stabilising solution reached: relative residual {relative_residual:e}, spectral radius {spectral_radius}"
+    )]
+    NoConvergence {
+        /// Of the best candidate; infinite where there was none.
+        relative_residual: f64,
+        /// Of the best candidate's closed loop; infinite where there was none.
+        spectral_radius: f64,
+    },
+}
+
+/// What is nearly lost in an otherwise good solution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
+pub enum NearLoss {
+    /// The closed loop's spectral radius is above 0.999.
+    SlowClosedLoop,
+    /// A mode that needs an input has a Hautus measure below 1e-6.
+    WeakInput,
+    /// The condition number of P is above 1e7, infinite included.
+    IllConditionedP,
+    /// The residual could not be brought below 1e-11.
+    Residual,
+}
+
+/// The warning of a solution that is valid and fragile.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Conditioning {
+    /// What is nearly lost, at least one.
+    pub losses: Vec<NearLoss>,
+    /// The weakest mode on or outside the unit circle (balanced coordinates), where there is one.
+    pub weakest_mode: Option<UncontrollableMode>,
+}
+
+/// The stabilising solution.
+#[derive(Debug, Clone)]
+pub struct DareSolution {
+    /// Cost-to-go V(x) = x'Px, n x n, symmetric.
+    pub p: Mat<f64>,
+    /// Gain of u = Kx, m x n.
+    pub k: Mat<f64>,
+    /// Spectral radius of A + BK, below one.
+    pub spectral_radius: f64,
+    /// |right side - P| / max(|P|, |Q|), Frobenius norms, Joseph form.
+    pub relative_residual: f64,
+    /// Condition number of P in the one-norm; infinite for a singular P.
+    pub condition: f64,
+    /// Doubling and Newton steps together.
+    pub iterations: usize,
+    /// Present where something is nearly lost.
+    pub warning: Option<Conditioning>,
+}
+
+/// A discrete algebraic Riccati equation, ready to be solved.
+#[derive(Debug, Clone)]
+pub struct Dare<'a> {
+    a: MatRef<'a, f64>,
+    b: MatRef<'a, f64>,
+    q: MatRef<'a, f64>,
+    r: MatRef<'a, f64>,
+    s: Option<MatRef<'a, f64>>,
+}
+
+impl<'a> Dare<'a> {
+    /// x+ = Ax + Bu with stage cost x'Qx + u'Ru: A n x n, B n x m, Q n x n, R m x m.
+    #[must_use]
+    pub fn new(
+        a: MatRef<'a, f64>,
+        b: MatRef<'a, f64>,
+        q: MatRef<'a, f64>,
+        r: MatRef<'a, f64>,
+    ) -> Self {
+        Self {
+            a,
+            b,
+            q,
+            r,
+            s: None,
+        }
+    }
+
+    /// Adds 2x'Su to the stage cost, S n x m.
+    #[must_use]
+    pub fn with_cross(mut self, s: MatRef<'a, f64>) -> Self {
+        self.s = Some(s);
+        self
+    }
+
+    /// The stabilising solution.
+    ///
+    /// # Errors
+    /// See [`DareError`]; each names what is wrong with the data.
+    pub fn solve(&self) -> Result<DareSolution, DareError> {
+        let problem = self.validated()?;
+        let balanced = Balanced::of(&problem);
+        let mut best: Option<Attempt> = None;
+        for route in [Route::Doubling, Route::ShiftedDoubling, Route::Regularised] {
+            for attempt in route.attempts(&balanced.problem) {
+                if attempt.is_stabilising() {
+                    return accept(&problem, &balanced, attempt);
+                }
+                if best
+                    .as_ref()
+                    .is_none_or(|best| attempt.is_better_than(best))
+                {
+                    best = Some(attempt);
+                }
+            }
+        }
+        Err(diagnose(&balanced, best.as_ref()))
+    }
+
+    fn validated(&self) -> Result<Problem, DareError> {
+        let (a, b) = input::pair(self.a, self.b)?;
+        let (n, m) = (b.nrows(), b.ncols());
+        let q = input::symmetric("Q", self.q, n)?;
+        let r = input::symmetric("R", self.r, m)?;
+        let s = self.s.map(|s| input::matrix("S", s, (n, m))).transpose()?;
+        let problem = Problem { a, b, q, r, s };
+        let joint = problem.joint_weight();
+        for (name, weight) in [
+            ("Q", Some(&problem.q)),
+            ("R", Some(&problem.r)),
+            ("[Q S; S' R]", joint.as_ref()),
+        ] {
+            if let Some((eigenvalue, tolerance)) = weight.and_then(indefinite) {
+                return Err(DareError::IndefiniteWeight {
+                    name,
+                    eigenvalue,
+                    tolerance,
+                });
+            }
+        }
+        Ok(problem)
+    }
+}
+
+/// A polished candidate and how stable its closed loop is.
+#[derive(Debug)]
+struct Attempt {
+    candidate: Candidate,
+    spectral_radius: f64,
+    iterations: usize,
+}
+
+impl Attempt {
+    fn new(candidate: Candidate, iterations: usize) -> Self {
+        let spectral_radius =
+            spectrum::largest_modulus(&candidate.closed_loop).unwrap_or(f64::INFINITY);
+        Self {
+            candidate,
+            spectral_radius,
+            iterations,
+        }
+    }
+
+    fn is_stabilising(&self) -> bool {
+        self.spectral_radius < 1.0
+            && self.candidate.relative_residual <= ACCEPTED_RESIDUAL
+            && indefinite(&self.candidate.p).is_none()
+    }
+
+    fn is_better_than(&self, other: &Self) -> bool {
+        let key = |x: &Self| (x.spectral_radius >= 1.0, x.candidate.relative_residual);
+        key(self) < key(other)
+    }
+}
+
+/// Ways to a candidate, cheapest first.
+#[derive(Debug, Clone, Copy)]
+enum Route {
+    /// Doubling on the problem as it is.
+    Doubling,
+    /// Doubling on the cost that starts one step later, for a singular R.
+    ShiftedDoubling,
+    /// Kleinman's iteration from the law of a problem whose weights see every mode.
+    Regularised,
+}
+
+impl Route {
+    fn attempts(self, problem: &Problem) -> Vec<Attempt> {
+        match self {
+            Self::Doubling => doubling(problem, MAX_DOUBLINGS)
+                .and_then(|(p, steps)| polish(problem, p, steps, MAX_POLISH_STEPS))
+                .into_iter()
+                .collect(),
+            Self::ShiftedDoubling => doubling(&problem.shifted(), MAX_DOUBLINGS)
+                .map(|(y, steps)| (dense::add_scaled(&y, 1.0, &problem.q), steps))
+                .and_then(|(p, steps)| polish(problem, p, steps, MAX_POLISH_STEPS))
+                .into_iter()
+                .collect(),
+            Self::Regularised => regularisations(problem)
+                .iter()
+                .filter_map(|surrogate| from_surrogate(problem, surrogate))
+                .collect(),
+        }
+    }
+}
+
+/// Problems on the same pair whose weights see every mode, so that doubling finds *a* stabilising law.
+fn regularisations(problem: &Problem) -> Vec<Problem> {
+    let (n, m) = (problem.states(), problem.b.ncols());
+    let eye = identity(n);
+    let q_size = norm(&problem.q);
+    let mut found = Vec::new();
+    if q_size > 0.0 {
+        found.push(Problem {
+            q: dense::add_scaled(&problem.q, q_size, &eye),
+            ..problem.clone()
+        });
+    }
+    let column_sizes: Vec<f64> = (0..m)
+        .map(|j| problem.b.col_as_slice(j).iter().map(|x| x * x).sum::<f64>())
+        .map(|square| if square > 0.0 { square } else { 1.0 })
+        .collect();
+    for effort in [1.0, 1e-8, 1e8] {
+        let r = Mat::from_fn(m, m, |i, j| {
+            if i == j {
+                effort * column_sizes[i]
+            } else {
+                0.0
+            }
+        });
+        found.push(Problem {
+            q: eye.clone(),
+            r,
+            s: None,
+            ..problem.clone()
+        });
+    }
+    found
+}
+
+fn from_surrogate(problem: &Problem, surrogate: &Problem) -> Option<Attempt> {
+    let (p, steps) = doubling(surrogate, MAX_DOUBLINGS)?;
+    let k = surrogate.gain(&p)?;
+    // The cost of that law under the true weights starts Kleinman's monotone iteration.
+    let (cost, _) = lyapunov_sum(&problem.closed_loop(&k), &problem.stage_cost(&k))?;
+    polish(problem, cost, steps + 1, MAX_KLEINMAN_STEPS)
+}
+
+/// Newton steps P + X, X = A_K'XA_K + residual, for as long as they help.
+fn polish(
+    problem: &Problem,
+    p: Mat<f64>,
+    mut iterations: usize,
+    max_steps: usize,
+) -> Option<Attempt> {
+    let mut candidate = problem.evaluate(p)?;
+    // Below this the residual is that of rounding P itself.
+    let floor = problem.states() as f64 * f64::EPSILON;
+    for _ in 0..max_steps {
+        if candidate.relative_residual <= floor {
+            break;
+        }
+        let Some((x, _)) = lyapunov_sum(&candidate.closed_loop, &candidate.residual) else {
+            break;
+        };
+        let mut p = dense::add_scaled(&candidate.p, 1.0, &x);
+        dense::symmetrise(&mut p);
+        iterations += 1;
+        match problem.evaluate(p) {
+            Some(next) if next.relative_residual < 0.5 * candidate.relative_residual => {
+                candidate = next
+            }
+            // Far from the solution the residual may rise for a step; near it a rise is rounding.
+            Some(next) if candidate.relative_residual > 1e-6 => candidate = next,
+            _ => break,
+        }
+    }
+    Some(Attempt::new(candidate, iterations))
+}
+
+fn accept(
+    problem: &Problem,
+    balanced: &Balanced,
+    attempt: Attempt,
+) -> Result<DareSolution, DareError> {
+    let Attempt {
+        candidate,
+        spectral_radius,
+        iterations,
+    } = attempt;
+    let p = balanced.restore(&candidate.p);
+    let condition = condition(&p);
+    let Some(restored) = problem.evaluate(p) else {
+        return Err(DareError::SingularInputHessian);
+    };
+    let mut losses = Vec::new();
+    if spectral_radius > 0.999 {
+        losses.push(NearLoss::SlowClosedLoop);
+        refuse_unseen(&balanced.problem)?;
+    }
+    let mut weakest_mode = None;
+    let proved = proved_measure(&balanced.problem, &candidate);
+    if proved < 1e-6 {
+        let found = hautus::unreached_modes(&balanced.problem.a, &balanced.problem.b)
+            .map_err(DareError::Spectrum)?;
+        if let Some(mode) = found.unreached.into_iter().next() {
+            return Err(DareError::NotStabilisable {
+                mode: in_original_coordinates(mode, balanced),
+            });
+        }
+        if found
+            .weakest
+            .as_ref()
+            .is_some_and(|mode| mode.measure < 1e-6)
+        {
+            losses.push(NearLoss::WeakInput);
+        }
+        weakest_mode = found.weakest;
+    }
+    if !(condition < 1e7) {
+        losses.push(NearLoss::IllConditionedP);
+    }
+    if restored.relative_residual > 1e-11 {
+        losses.push(NearLoss::Residual);
+    }
+    let warning = (!losses.is_empty()).then_some(Conditioning {
+        losses,
+        weakest_mode,
+    });
+    Ok(DareSolution {
+        p: restored.p,
+        k: restored.k,
+        spectral_radius,
+        relative_residual: restored.relative_residual,
+        condition,
+        iterations,
+        warning,
+    })
+}
+
+/// Lower bound on the Hautus measure over all |lambda| >= 1 that the candidate's stable closed loop proves.
+fn proved_measure(problem: &Problem, candidate: &Candidate) -> f64 {
+    let scale = 1.0 + norm(&problem.a);
+    // B was scaled by column in the measure, so the rows of K scale inversely.
+    let mut gain_square = problem.states() as f64;
+    for i in 0..candidate.k.nrows() {
+        let column: f64 = problem.b.col_as_slice(i).iter().map(|x| x * x).sum();
+        let row: f64 = (0..candidate.k.ncols())
+            .map(|j| candidate.k[(i, j)].powi(2))
+            .sum();
+        gain_square += row * column / (scale * scale);
+    }
+    1.0 / (gain_square.sqrt() * spectrum::sum_of_powers(&candidate.closed_loop) * scale)
+}
+
+fn refuse_unseen(problem: &Problem) -> Result<(), DareError> {
+    let Some((a, _, q)) = problem.reduced() else {
+        return Ok(());
+    };
+    let modes = hautus::unseen_modes(&a, &q).map_err(DareError::Spectrum)?;
+    match modes.into_iter().next() {
+        Some(mode) => Err(DareError::UnobservableOnCircle { mode }),
+        None => Ok(()),
+    }
+}
+
+/// Names what is wrong where no route led to a stabilising solution.
+fn diagnose(balanced: &Balanced, best: Option<&Attempt>) -> DareError {
+    let problem = &balanced.problem;
+    match hautus::unreached_modes(&problem.a, &problem.b) {
+        Err(error) => return DareError::Spectrum(error),
+        Ok(found) => {
+            if let Some(mode) = found.unreached.into_iter().next() {
+                return DareError::NotStabilisable {
+                    mode: in_original_coordinates(mode, balanced),
+                };
+            }
+        }
+    }
+    if let Err(error) = refuse_unseen(problem) {
+        return error;
+    }
+    match best {
+        Some(attempt) => DareError::NoConvergence {
+            relative_residual: attempt.candidate.relative_residual,
+            spectral_radius: attempt.spectral_radius,
+        },
+        None if cholesky(&problem.r).is_none() && cholesky(&problem.shifted().r).is_none() => {
+            DareError::SingularInputHessian
+        }
+        None => DareError::NoConvergence {
+            relative_residual: f64::INFINITY,
+            spectral_radius: f64::INFINITY,
+        },
+    }
+}
+
+/// w for z = T^-1 x becomes T^-1 w for x, of unit length.
+fn in_original_coordinates(
+    mut mode: UncontrollableMode,
+    balanced: &Balanced,
+) -> UncontrollableMode {
+    for (w, t) in mode.left_eigenvector.iter_mut().zip(&balanced.state_scale) {
+        *w *= 1.0 / t;
+    }
+    let length = mode
+        .left_eigenvector
+        .iter()
+        .map(|w| w.re * w.re + w.im * w.im)
+        .sum::<f64>()
+        .sqrt();
+    for w in &mut mode.left_eigenvector {
+        *w *= 1.0 / length;
+    }
+    mode
+}
+
+/// Condition number in the one-norm.
+fn condition(p: &Mat<f64>) -> f64 {
+    match cholesky(p) {
+        Some(l) => norm_one(p) * norm_one(&cholesky_solve(&l, identity(p.nrows()))),
+        None => f64::INFINITY,
+    }
+}

@@ -1,0 +1,299 @@
+//! The Riccati problem in validated form: weights checked, scaled, and its residual.
+//!
+//! Everything is written for the stage cost x'Qx + 2x'Su + u'Ru and the law u = Kx,
+//! K = -(R + B'PB)^-1 (B'PA + S'). The right side of the equation is evaluated in Joseph form,
+//! Q + SK + (SK)' + K'RK + (A + BK)'P(A + BK): for the optimal K it is equal to the textbook form and
+//! loses no digits when A'PA and its reduction nearly cancel.
+
+use crate::dense::{
+    add_scaled, cholesky, cholesky_solve, congruence, identity, max_abs, mul, mul_tr, norm,
+    symmetrise, tr_mul,
+};
+use faer::{Mat, Side};
+
+/// Data of x+ = Ax + Bu with cost x'Qx + 2x'Su + u'Ru: A n x n, B n x m, Q n x n, R m x m, S n x m.
+#[derive(Debug, Clone)]
+pub(crate) struct Problem {
+    pub(crate) a: Mat<f64>,
+    pub(crate) b: Mat<f64>,
+    pub(crate) q: Mat<f64>,
+    pub(crate) r: Mat<f64>,
+    pub(crate) s: Option<Mat<f64>>,
+}
+
+/// A P with everything that follows from it.
+#[derive(Debug, Clone)]
+pub(crate) struct Candidate {
+    pub(crate) p: Mat<f64>,
+    pub(crate) k: Mat<f64>,
+    pub(crate) closed_loop: Mat<f64>,
+    /// Right side of the equation minus P.
+    pub(crate) residual: Mat<f64>,
+    /// |residual| / max(|P|, |Q|), Frobenius norms.
+    pub(crate) relative_residual: f64,
+}
+
+impl Problem {
+    pub(crate) fn states(&self) -> usize {
+        self.a.nrows()
+    }
+
+    /// K = -(R + B'PB)^-1 (B'PA + S'); `None` where R + B'PB is not positive definite.
+    pub(crate) fn gain(&self, p: &Mat<f64>) -> Option<Mat<f64>> {
+        let pb = mul(p, &self.b);
+        let mut hessian = add_scaled(&self.r, 1.0, &tr_mul(&self.b, &pb));
+        symmetrise(&mut hessian);
+        let mut gradient = tr_mul(&pb, &self.a);
+        if let Some(s) = &self.s {
+            gradient = add_scaled(&gradient, 1.0, &s.transpose().to_owned());
+        }
+        let mut k = cholesky_solve(&cholesky(&hessian)?, gradient);
+        negate(&mut k);
+        Some(k)
+    }
+
+    pub(crate) fn closed_loop(&self, k: &Mat<f64>) -> Mat<f64> {
+        add_scaled(&self.a, 1.0, &mul(&self.b, k))
+    }
+
+    /// Q + SK + (SK)' + K'RK, the stage cost under u = Kx.
+    pub(crate) fn stage_cost(&self, k: &Mat<f64>) -> Mat<f64> {
+        let mut cost = add_scaled(&self.q, 1.0, &congruence(k, &self.r));
+        if let Some(s) = &self.s {
+            let sk = mul(s, k);
+            cost = add_scaled(
+                &cost,
+                1.0,
+                &add_scaled(&sk, 1.0, &sk.transpose().to_owned()),
+            );
+        }
+        symmetrise(&mut cost);
+        cost
+    }
+
+    /// One backward step in Joseph form: the gain for the cost-to-go `p` and the cost before it.
+    pub(crate) fn backward(&self, p: &Mat<f64>) -> Option<(Mat<f64>, Mat<f64>)> {
+        let k = self.gain(p)?;
+        let next = add_scaled(
+            &self.stage_cost(&k),
+            1.0,
+            &congruence(&self.closed_loop(&k), p),
+        );
+        Some((k, next))
+    }
+
+    pub(crate) fn evaluate(&self, p: Mat<f64>) -> Option<Candidate> {
+        let k = self.gain(&p)?;
+        let closed_loop = self.closed_loop(&k);
+        let right = add_scaled(&self.stage_cost(&k), 1.0, &congruence(&closed_loop, &p));
+        let residual = add_scaled(&right, -1.0, &p);
+        let scale = norm(&p).max(norm(&self.q));
+        let size = norm(&residual);
+        let relative_residual = if size == 0.0 { 0.0 } else { size / scale };
+        relative_residual.is_finite().then_some(Candidate {
+            p,
+            k,
+            closed_loop,
+            residual,
+            relative_residual,
+        })
+    }
+
+    /// The same P from a cost that starts one step later: P = Q + Y, where Y solves an equation whose input
+    /// weight R + B'QB may be invertible although R is not.
+    pub(crate) fn shifted(&self) -> Self {
+        let qb = mul(&self.q, &self.b);
+        let mut r = add_scaled(&self.r, 1.0, &tr_mul(&self.b, &qb));
+        symmetrise(&mut r);
+        let mut s = tr_mul(&self.a, &qb);
+        if let Some(own) = &self.s {
+            s = add_scaled(&s, 1.0, own);
+        }
+        Self {
+            a: self.a.clone(),
+            b: self.b.clone(),
+            q: congruence(&self.a, &self.q),
+            r,
+            s: Some(s),
+        }
+    }
+
+    /// (A - BR^-1S', BR^-1B', Q - SR^-1S'): the equation without its cross term, or `None` for a singular R.
+    pub(crate) fn reduced(&self) -> Option<(Mat<f64>, Mat<f64>, Mat<f64>)> {
+        let r = cholesky(&self.r)?;
+        let solved = cholesky_solve(&r, self.b.transpose().to_owned());
+        let mut g = mul(&self.b, &solved);
+        symmetrise(&mut g);
+        let Some(s) = &self.s else {
+            return Some((self.a.clone(), g, self.q.clone()));
+        };
+        let solved = cholesky_solve(&r, s.transpose().to_owned());
+        let mut h = add_scaled(&self.q, -1.0, &mul(s, &solved));
+        symmetrise(&mut h);
+        Some((add_scaled(&self.a, -1.0, &mul(&self.b, &solved)), g, h))
+    }
+
+    /// The joint weight [Q S; S' R].
+    pub(crate) fn joint_weight(&self) -> Option<Mat<f64>> {
+        let s = self.s.as_ref()?;
+        let (n, m) = (s.nrows(), s.ncols());
+        Some(Mat::from_fn(n + m, n + m, |i, j| match (i < n, j < n) {
+            (true, true) => self.q[(i, j)],
+            (true, false) => s[(i, j - n)],
+            (false, true) => s[(j, i - n)],
+            (false, false) => self.r[(i - n, j - n)],
+        }))
+    }
+}
+
+pub(crate) fn negate(a: &mut Mat<f64>) {
+    for j in 0..a.ncols() {
+        for x in a.col_as_slice_mut(j) {
+            *x = -*x;
+        }
+    }
+}
+
+/// The least eigenvalue and the tolerance if `w` is indefinite beyond rounding, else `None`.
+pub(crate) fn indefinite(w: &Mat<f64>) -> Option<(f64, f64)> {
+    let tolerance = 1e-12 * w.nrows() as f64 * max_abs(w.as_ref());
+    if tolerance == 0.0 || cholesky(&add_scaled(w, tolerance, &identity(w.nrows()))).is_some() {
+        return None;
+    }
+    let least = w
+        .self_adjoint_eigenvalues(Side::Lower)
+        .ok()
+        .and_then(|values| values.into_iter().reduce(f64::min))
+        .unwrap_or(f64::NAN);
+    (!(least >= -tolerance)).then_some((least, tolerance))
+}
+
+/// A problem in coordinates x = T z with the cost divided by `cost`; T diagonal, all powers of two so that no digit changes.
+#[derive(Debug, Clone)]
+pub(crate) struct Balanced {
+    pub(crate) problem: Problem,
+    pub(crate) state_scale: Vec<f64>,
+    pub(crate) cost_scale: f64,
+}
+
+impl Balanced {
+    /// Brings what enters a state (its row of A, its share of B R^-1 B') level with what leaves it (its column of A, its
+    /// weight in Q). Without it a weight or an input in other units costs the solver digits.
+    pub(crate) fn of(problem: &Problem) -> Self {
+        let n = problem.states();
+        let effort: Vec<f64> = (0..n)
+            .map(|i| {
+                (0..problem.b.ncols())
+                    .filter(|&j| problem.r[(j, j)] > 0.0)
+                    .map(|j| problem.b[(i, j)].powi(2) / problem.r[(j, j)])
+                    .sum()
+            })
+            .collect();
+        let (g, h) = (
+            effort.iter().copied().fold(0.0, f64::max),
+            (0..n).map(|i| problem.q[(i, i)]).fold(0.0, f64::max),
+        );
+        let cost_scale = if g > 0.0 && h > 0.0 {
+            power_of_two((h / g).sqrt())
+        } else {
+            1.0
+        };
+        let mut t = vec![1.0_f64; n];
+        for _ in 0..3 {
+            for i in 0..n {
+                let (mut enters, mut leaves) = (
+                    effort[i] * cost_scale / (t[i] * t[i]),
+                    problem.q[(i, i)] / cost_scale * t[i] * t[i],
+                );
+                for j in (0..n).filter(|&j| j != i) {
+                    enters += problem.a[(i, j)].abs() * t[j] / t[i];
+                    leaves += problem.a[(j, i)].abs() * t[i] / t[j];
+                }
+                if enters > 0.0 && leaves > 0.0 {
+                    let factor = power_of_two((enters / leaves).sqrt().sqrt());
+                    t[i] = (t[i] * factor).clamp(2.0_f64.powi(-80), 2.0_f64.powi(80));
+                }
+            }
+        }
+        let scaled = |w: &Mat<f64>, row: &dyn Fn(usize) -> f64, col: &dyn Fn(usize) -> f64| {
+            Mat::from_fn(w.nrows(), w.ncols(), |i, j| w[(i, j)] * row(i) * col(j))
+        };
+        let (up, down, one) = (|i: usize| t[i], |i: usize| 1.0 / t[i], |_: usize| 1.0);
+        let by_cost = |_: usize| 1.0 / cost_scale;
+        let balanced = Problem {
+            a: scaled(&problem.a, &down, &up),
+            b: scaled(&problem.b, &down, &one),
+            q: scaled(&problem.q, &|i| t[i] / cost_scale, &up),
+            r: scaled(&problem.r, &by_cost, &one),
+            s: problem
+                .s
+                .as_ref()
+                .map(|s| scaled(s, &|i| t[i] / cost_scale, &one)),
+        };
+        Self {
+            problem: balanced,
+            state_scale: t,
+            cost_scale,
+        }
+    }
+
+    /// P in the caller's coordinates.
+    pub(crate) fn restore(&self, p: &Mat<f64>) -> Mat<f64> {
+        let t = &self.state_scale;
+        Mat::from_fn(p.nrows(), p.ncols(), |i, j| {
+            p[(i, j)] * self.cost_scale / t[i] / t[j]
+        })
+    }
+}
+
+/// The power of two next to `x`; 1 where `x` has none in range.
+fn power_of_two(x: f64) -> f64 {
+    let exponent = x.log2().round();
+    if exponent.is_finite() && exponent.abs() <= 160.0 {
+        exponent.exp2()
+    } else {
+        1.0
+    }
+}
+
+/// Doubling: after j steps H is the cost-to-go over 2^j stages from a zero terminal weight.
+///
+/// One step is A+ = A W^-1 A, G+ = G + A W^-1 G A', H+ = H + A'H W^-1 A with W = I + GH
+/// (structure-preserving doubling for the symplectic pencil). It converges quadratically to the minimal solution, the
+/// stabilising one unless Q misses an unstable mode. `None` where it does not settle.
+pub(crate) fn doubling(problem: &Problem, max_steps: usize) -> Option<(Mat<f64>, usize)> {
+    let n = problem.states();
+    let (mut a, mut g, mut h) = problem.reduced()?;
+    for step in 1..=max_steps {
+        let w = add_scaled(&identity(n), 1.0, &mul(&g, &h));
+        let both = Mat::from_fn(
+            n,
+            2 * n,
+            |i, j| if j < n { a[(i, j)] } else { g[(i, j - n)] },
+        );
+        let solved = crate::dense::solve(w, both)?;
+        let (wa, wg) = (
+            solved.get(.., ..n).to_owned(),
+            solved.get(.., n..).to_owned(),
+        );
+        let mut growth = tr_mul(&a, &mul(&h, &wa));
+        symmetrise(&mut growth);
+        h = add_scaled(&h, 1.0, &growth);
+        let (change, size) = (norm(&growth), norm(&h));
+        if !size.is_finite() {
+            return None;
+        }
+        if change <= 1e-15 * size {
+            return Some((h, step));
+        }
+        let mut reach = mul_tr(&mul(&a, &wg), &a);
+        symmetrise(&mut reach);
+        g = add_scaled(&g, 1.0, &reach);
+        a = mul(&a, &wa);
+        // The next growth is at most |A|^2 |H|: below a thousandth of rounding it cannot matter.
+        if norm(&a) < 1e-9 {
+            return Some((h, step));
+        }
+    }
+    None
+}

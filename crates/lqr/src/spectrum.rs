@@ -1,0 +1,134 @@
+//! Eigenvalues, spectral radius and the discrete Lyapunov equation.
+//!
+//! The Lyapunov equation X = A'XA + Q is summed by squaring, X_{j+1} = X_j + A_j'X_jA_j with
+//! A_{j+1} = A_j^2 (squared Smith iteration): quadratic convergence, products only, and it
+//! keeps X symmetric and, for Q >= 0, semidefinite. It leaves out unstable A, where the equation may
+//! have a solution but not one that bounds a trajectory.
+
+use crate::dense::{add_scaled, congruence, identity, mul, norm};
+use crate::input::{self, InputError};
+use faer::{Mat, MatRef, c64};
+
+/// Squarings after which a power of a matrix with spectral radius below `1 - 1e-14` has vanished.
+pub(crate) const MAX_SQUARINGS: usize = 60;
+
+/// Why a spectrum, or what rests on one, could not be had.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SpectrumError {
+    /// The input is malformed.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// The QR algorithm did not converge, or its entries overflow.
+    #[error(
+        "the eigenvalue iteration did not converge on a matrix of size {size} with norm {norm:e}"
+    )]
+    NoConvergence {
+        /// Number of rows.
+        size: usize,
+        /// Frobenius norm of the matrix.
+        norm: f64,
+    },
+    /// The Lyapunov sum diverges.
+    #[error("spectral radius {spectral_radius} is not below one: the Lyapunov sum diverges")]
+    Unstable {
+        /// Spectral radius of the matrix.
+        spectral_radius: f64,
+    },
+}
+
+/// Eigenvalues of a square finite matrix, of the order of rounding times its norm.
+pub(crate) fn eigenvalues(a: &Mat<f64>) -> Result<Vec<c64>, SpectrumError> {
+    let failed = || SpectrumError::NoConvergence {
+        size: a.nrows(),
+        norm: norm(a),
+    };
+    // Squares of the entries must not overflow inside the iteration.
+    if !(norm(a) < 1e150) {
+        return Err(failed());
+    }
+    let values = a.eigenvalues().map_err(|_| failed())?;
+    if values.iter().all(|z| z.re.is_finite() && z.im.is_finite()) {
+        Ok(values)
+    } else {
+        Err(failed())
+    }
+}
+
+pub(crate) fn largest_modulus(a: &Mat<f64>) -> Result<f64, SpectrumError> {
+    Ok(eigenvalues(a)?
+        .iter()
+        .map(|z| z.re.hypot(z.im))
+        .fold(0.0, f64::max))
+}
+
+/// Largest modulus of the eigenvalues of a square matrix.
+///
+/// # Errors
+/// [`SpectrumError::Input`] for a matrix that is not square and finite,
+/// [`SpectrumError::NoConvergence`] where the QR algorithm gives up.
+pub fn spectral_radius(a: MatRef<'_, f64>) -> Result<f64, SpectrumError> {
+    if a.nrows() == 0 {
+        return Err(InputError::Empty { name: "A" }.into());
+    }
+    largest_modulus(&input::matrix("A", a, (a.nrows(), a.nrows()))?)
+}
+
+/// X = A'XA + Q by squaring, with a bound on the sum of |A^j| over all j >= 0.
+///
+/// `None` where the powers of A do not vanish.
+pub(crate) fn lyapunov_sum(a: &Mat<f64>, q: &Mat<f64>) -> Option<(Mat<f64>, f64)> {
+    let mut power = a.clone();
+    let mut x = q.clone();
+    // sum |A^j| <= prod (1 + |A^(2^i)|) over i, closed by a geometric tail.
+    let mut sum_of_powers = 1.0;
+    for _ in 0..MAX_SQUARINGS {
+        let size = norm(&power);
+        if !size.is_finite() || size > 1e120 {
+            return None;
+        }
+        sum_of_powers *= 1.0 + size;
+        x = add_scaled(&x, 1.0, &congruence(&power, &x));
+        if size < 1e-9 {
+            return (norm(&x).is_finite()).then_some((x, sum_of_powers));
+        }
+        power = mul(&power, &power);
+    }
+    None
+}
+
+/// The solution X of X = A'XA + Q for A with spectral radius below one.
+///
+/// X is symmetric; for Q >= 0 it is the cost sum of x'Qx along x+ = Ax.
+///
+/// # Errors
+/// [`SpectrumError::Unstable`] with the spectral radius where the sum diverges, and the errors of
+/// [`spectral_radius`].
+pub fn discrete_lyapunov(
+    a: MatRef<'_, f64>,
+    q: MatRef<'_, f64>,
+) -> Result<Mat<f64>, SpectrumError> {
+    let n = a.nrows();
+    if n == 0 {
+        return Err(InputError::Empty { name: "A" }.into());
+    }
+    let a = input::matrix("A", a, (n, n))?;
+    let q = input::symmetric("Q", q, n)?;
+    let spectral_radius = largest_modulus(&a)?;
+    let unstable = SpectrumError::Unstable { spectral_radius };
+    if spectral_radius >= 1.0 {
+        return Err(unstable);
+    }
+    let (x, _) = lyapunov_sum(&a, &q).ok_or(unstable)?;
+    // One step of refinement: the sum has rounding of every squaring, its residual does not.
+    let residual = add_scaled(&add_scaled(&congruence(&a, &x), -1.0, &x), 1.0, &q);
+    Ok(match lyapunov_sum(&a, &residual) {
+        Some((correction, _)) => add_scaled(&x, 1.0, &correction),
+        None => x,
+    })
+}
+
+/// Bound on the sum of |A^j|, j >= 0, or infinity.
+pub(crate) fn sum_of_powers(a: &Mat<f64>) -> f64 {
+    lyapunov_sum(a, &identity(a.nrows())).map_or(f64::INFINITY, |(_, sum)| sum)
+}
