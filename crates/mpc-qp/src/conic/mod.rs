@@ -1,0 +1,194 @@
+//! The general conic solver behind the problem type: one sparse conic program
+//! `min 1/2 z'P z + q'z, A z + s = b, s in K`, solved by Clarabel (Goulart & Chen).
+//!
+//! The unknowns are `z = (u_0, x_1, u_1, ..., x_N, slacks)`; `x_0` is data. The sparse pattern is made once with faer and the
+//! values are written into it in place, then handed over by Clarabel's data update. A rebuild happens only if the structure
+//! changes: another horizon or row count, a bound that was infinite when the pattern was made, a nonzero where all stages
+//! had zero. [`ClarabelSolver::builds`] counts them.
+//!
+//! Clarabel restarts from its own initial point on every solve. There is no warm start: [`Start::Warm`] is accepted and has no
+//! effect.
+
+mod assembly;
+mod extraction;
+mod layout;
+mod pattern;
+
+use crate::error::SolveError;
+use crate::problem::OcpQp;
+use crate::solution::Solution;
+use crate::solver::{OcpSolver, SolverSettings, Start};
+use assembly::{Values, assemble};
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SupportedConeT};
+use layout::Layout;
+use pattern::Pattern;
+use std::time::Instant;
+
+/// Clarabel with the sparse pattern of one problem structure.
+pub struct ClarabelSolver<const NX: usize, const NU: usize> {
+    layout: Layout<NX, NU>,
+    cost: Pattern,
+    constraints: Pattern,
+    linear: Vec<f64>,
+    right: Vec<f64>,
+    solver: DefaultSolver<f64>,
+    settings: SolverSettings,
+    builds: usize,
+}
+
+impl<const NX: usize, const NU: usize> std::fmt::Debug for ClarabelSolver<NX, NU> {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("ClarabelSolver")
+            .field("unknowns", &self.linear.len())
+            .field("rows", &self.right.len())
+            .field("settings", &self.settings)
+            .field("builds", &self.builds)
+            .finish_non_exhaustive()
+    }
+}
+
+impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
+    /// Lays out the pattern for problems like `problem`.
+    ///
+    /// # Errors
+    /// [`SolveError::Setting`], or what faer or Clarabel refuse.
+    pub fn new(problem: &OcpQp<NX, NU>, settings: SolverSettings) -> Result<Self, SolveError> {
+        settings.validate()?;
+        Self::build(problem, Layout::new(problem), settings, 1)
+    }
+
+    /// How often the pattern was made: 1 as long as the structure stays.
+    #[must_use]
+    pub fn builds(&self) -> usize {
+        self.builds
+    }
+
+    /// Nonzeros of the upper triangle of P and of A.
+    #[must_use]
+    pub fn nonzeros(&self) -> (usize, usize) {
+        (self.cost.values().len(), self.constraints.values().len())
+    }
+
+    fn build(
+        problem: &OcpQp<NX, NU>,
+        layout: Layout<NX, NU>,
+        settings: SolverSettings,
+        builds: usize,
+    ) -> Result<Self, SolveError> {
+        let (columns, rows) = (layout.columns(), layout.rows());
+        let mut indices = assembly::Indices::default();
+        assemble(problem, &layout, &mut indices);
+        let mut cost = Pattern::new(columns, columns, &indices.cost)?;
+        let mut constraints = Pattern::new(rows, columns, &indices.constraints)?;
+        let (mut linear, mut right) = (vec![0.0; columns], vec![0.0; rows]);
+        assemble(
+            problem,
+            &layout,
+            &mut Values::new(&mut cost, &mut constraints, &mut linear, &mut right),
+        );
+        let solver = DefaultSolver::new(
+            &csc(&cost),
+            &linear,
+            &csc(&constraints),
+            &right,
+            &cones(&layout),
+            clarabel_settings(&settings),
+        )?;
+        Ok(Self {
+            layout,
+            cost,
+            constraints,
+            linear,
+            right,
+            solver,
+            settings,
+            builds,
+        })
+    }
+
+    /// Brings the solver to the present values of `problem`.
+    fn refill(&mut self, problem: &OcpQp<NX, NU>) -> Result<(), SolveError> {
+        if !self.layout.covers(problem) {
+            let layout = self.layout.extended_to(problem);
+            *self = Self::build(problem, layout, self.settings, self.builds + 1)?;
+            return Ok(());
+        }
+        let mut values = Values::new(
+            &mut self.cost,
+            &mut self.constraints,
+            &mut self.linear,
+            &mut self.right,
+        );
+        assemble(problem, &self.layout, &mut values);
+        // Clarabel reads an empty update as "no change": a matrix without entries is passed over.
+        self.solver.update_P(self.cost.values())?;
+        self.solver.update_q(&self.linear)?;
+        self.solver.update_A(self.constraints.values())?;
+        self.solver.update_b(&self.right)?;
+        Ok(())
+    }
+}
+
+impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for ClarabelSolver<NX, NU> {
+    fn solve(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        _start: Start,
+        solution: &mut Solution<NX, NU>,
+    ) -> Result<(), SolveError> {
+        solution.check_shape(problem)?;
+        let clock = Instant::now();
+        self.refill(problem)?;
+        self.solver.solve();
+        extraction::extract(problem, &self.layout, &self.solver.solution, solution);
+        solution.time = clock.elapsed();
+        solution.evaluate(problem);
+        solution.status = extraction::status(problem, self.solver.solution.status, solution);
+        Ok(())
+    }
+}
+
+fn csc(pattern: &Pattern) -> CscMatrix<f64> {
+    let (rows, columns) = pattern.shape();
+    CscMatrix::new(
+        rows,
+        columns,
+        pattern.column_starts().to_vec(),
+        pattern.row_indices().to_vec(),
+        pattern.values().clone(),
+    )
+}
+
+fn cones<const NX: usize, const NU: usize>(layout: &Layout<NX, NU>) -> Vec<SupportedConeT<f64>> {
+    let mut cones = vec![
+        SupportedConeT::ZeroConeT(layout.equalities()),
+        SupportedConeT::NonnegativeConeT(layout.scalar_rows()),
+    ];
+    if layout.has_cone() {
+        cones.push(SupportedConeT::SecondOrderConeT(NX + 1));
+    }
+    cones
+}
+
+/// Presolve and zero dropping would forbid updates. Refinement stays at its defaults: it is what keeps Clarabel right.
+fn clarabel_settings(settings: &SolverSettings) -> DefaultSettings<f64> {
+    DefaultSettings {
+        verbose: false,
+        presolve_enable: false,
+        input_sparse_dropzeros: false,
+        max_threads: 1,
+        direct_solve_method: "qdldl".to_owned(),
+        max_iter: u32::try_from(settings.max_iterations).unwrap_or(u32::MAX),
+        time_limit: settings
+            .time_limit
+            .map_or(f64::INFINITY, |limit| limit.as_secs_f64()),
+        tol_gap_abs: settings.tolerance,
+        tol_gap_rel: settings.tolerance,
+        tol_feas: settings.tolerance,
+        tol_infeas_abs: settings.tolerance,
+        tol_infeas_rel: settings.tolerance,
+        ..DefaultSettings::default()
+    }
+}
