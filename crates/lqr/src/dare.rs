@@ -10,7 +10,7 @@
 use crate::dense::{self, cholesky, cholesky_solve, identity, norm, norm_one};
 use crate::hautus::{self, UncontrollableMode, UnobservableMode};
 use crate::input::{self, InputError};
-use crate::riccati::{Balanced, Candidate, Problem, doubling, indefinite};
+use crate::riccati::{Balanced, Candidate, Problem, indefinite};
 use crate::spectrum::{self, SpectrumError, lyapunov_sum};
 use faer::{Mat, MatRef};
 
@@ -242,11 +242,11 @@ enum Route {
 impl Route {
     fn attempts(self, problem: &Problem) -> Vec<Attempt> {
         match self {
-            Self::Doubling => doubling(problem, MAX_DOUBLINGS)
+            Self::Doubling => doubling(problem)
                 .and_then(|(p, steps)| polish(problem, p, steps, MAX_POLISH_STEPS))
                 .into_iter()
                 .collect(),
-            Self::ShiftedDoubling => doubling(&problem.shifted(), MAX_DOUBLINGS)
+            Self::ShiftedDoubling => doubling(&problem.shifted())
                 .map(|(y, steps)| (dense::add_scaled(&y, 1.0, &problem.q), steps))
                 .and_then(|(p, steps)| polish(problem, p, steps, MAX_POLISH_STEPS))
                 .into_iter()
@@ -293,8 +293,12 @@ fn regularisations(problem: &Problem) -> Vec<Problem> {
     found
 }
 
+fn doubling(problem: &Problem) -> Option<(Mat<f64>, usize)> {
+    problem.stage_map()?.fixed_point(MAX_DOUBLINGS)
+}
+
 fn from_surrogate(problem: &Problem, surrogate: &Problem) -> Option<Attempt> {
-    let (p, steps) = doubling(surrogate, MAX_DOUBLINGS)?;
+    let (p, steps) = doubling(surrogate)?;
     let k = surrogate.gain(&p)?;
     // The cost of that law under the true weights starts Kleinman's monotone iteration.
     let (cost, _) = lyapunov_sum(&problem.closed_loop(&k), &problem.stage_cost(&k))?;
@@ -409,10 +413,10 @@ fn proved_measure(problem: &Problem, candidate: &Candidate) -> f64 {
 }
 
 fn refuse_unseen(problem: &Problem) -> Result<(), DareError> {
-    let Some((a, _, q)) = problem.reduced() else {
+    let Some(map) = problem.stage_map() else {
         return Ok(());
     };
-    let modes = hautus::unseen_modes(&a, &q).map_err(DareError::Spectrum)?;
+    let modes = hautus::unseen_modes(&map.a, &map.h).map_err(DareError::Spectrum)?;
     match modes.into_iter().next() {
         Some(mode) => Err(DareError::UnobservableOnCircle { mode }),
         None => Ok(()),
