@@ -93,7 +93,7 @@ pub struct PeriodicSolution {
     pub relative_residual: f64,
 }
 
-fn validated(stages: &[Stage<'_>]) -> Result<Vec<Problem>, ChainError> {
+pub(crate) fn validated(stages: &[Stage<'_>]) -> Result<Vec<Problem>, ChainError> {
     if stages.is_empty() {
         return Err(ChainError::Input {
             stage: 0,

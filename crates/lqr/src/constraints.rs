@@ -252,14 +252,6 @@ impl Constraints {
             })
             .collect()
     }
-
-    pub(crate) fn states(&self) -> usize {
-        self.states
-    }
-
-    pub(crate) fn inputs(&self) -> usize {
-        self.inputs
-    }
 }
 
 /// The system with state (x, u_prev) and input du: x+ = Ax + B(u_prev + du), u_prev+ = u_prev + du.

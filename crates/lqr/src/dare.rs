@@ -172,13 +172,18 @@ impl<'a> Dare<'a> {
         Err(diagnose(&balanced, best.as_ref()))
     }
 
-    fn validated(&self) -> Result<Problem, DareError> {
+    /// The data with shapes, finiteness and symmetry checked.
+    pub(crate) fn problem(&self) -> Result<Problem, InputError> {
         let (a, b) = input::pair(self.a, self.b)?;
         let (n, m) = (b.nrows(), b.ncols());
         let q = input::symmetric("Q", self.q, n)?;
         let r = input::symmetric("R", self.r, m)?;
         let s = self.s.map(|s| input::matrix("S", s, (n, m))).transpose()?;
-        let problem = Problem { a, b, q, r, s };
+        Ok(Problem { a, b, q, r, s })
+    }
+
+    fn validated(&self) -> Result<Problem, DareError> {
+        let problem = self.problem()?;
         let joint = problem.joint_weight();
         for (name, weight) in [
             ("Q", Some(&problem.q)),
