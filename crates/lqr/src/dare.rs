@@ -10,7 +10,7 @@
 use crate::dense::{self, cholesky, cholesky_solve, identity, norm, norm_one};
 use crate::hautus::{self, UncontrollableMode, UnobservableMode};
 use crate::input::{self, InputError};
-use crate::riccati::{Balanced, Candidate, Problem, doubling, indefinite};
+use crate::riccati::{Balanced, Candidate, Problem, indefinite};
 use crate::spectrum::{self, SpectrumError, lyapunov_sum};
 use faer::{Mat, MatRef};
 
@@ -172,13 +172,18 @@ impl<'a> Dare<'a> {
         Err(diagnose(&balanced, best.as_ref()))
     }
 
-    fn validated(&self) -> Result<Problem, DareError> {
+    /// The data with shapes, finiteness and symmetry checked.
+    pub(crate) fn problem(&self) -> Result<Problem, InputError> {
         let (a, b) = input::pair(self.a, self.b)?;
         let (n, m) = (b.nrows(), b.ncols());
         let q = input::symmetric("Q", self.q, n)?;
         let r = input::symmetric("R", self.r, m)?;
         let s = self.s.map(|s| input::matrix("S", s, (n, m))).transpose()?;
-        let problem = Problem { a, b, q, r, s };
+        Ok(Problem { a, b, q, r, s })
+    }
+
+    fn validated(&self) -> Result<Problem, DareError> {
+        let problem = self.problem()?;
         let joint = problem.joint_weight();
         for (name, weight) in [
             ("Q", Some(&problem.q)),
@@ -242,11 +247,11 @@ enum Route {
 impl Route {
     fn attempts(self, problem: &Problem) -> Vec<Attempt> {
         match self {
-            Self::Doubling => doubling(problem, MAX_DOUBLINGS)
+            Self::Doubling => doubling(problem)
                 .and_then(|(p, steps)| polish(problem, p, steps, MAX_POLISH_STEPS))
                 .into_iter()
                 .collect(),
-            Self::ShiftedDoubling => doubling(&problem.shifted(), MAX_DOUBLINGS)
+            Self::ShiftedDoubling => doubling(&problem.shifted())
                 .map(|(y, steps)| (dense::add_scaled(&y, 1.0, &problem.q), steps))
                 .and_then(|(p, steps)| polish(problem, p, steps, MAX_POLISH_STEPS))
                 .into_iter()
@@ -293,8 +298,12 @@ fn regularisations(problem: &Problem) -> Vec<Problem> {
     found
 }
 
+fn doubling(problem: &Problem) -> Option<(Mat<f64>, usize)> {
+    problem.stage_map()?.fixed_point(MAX_DOUBLINGS)
+}
+
 fn from_surrogate(problem: &Problem, surrogate: &Problem) -> Option<Attempt> {
-    let (p, steps) = doubling(surrogate, MAX_DOUBLINGS)?;
+    let (p, steps) = doubling(surrogate)?;
     let k = surrogate.gain(&p)?;
     // The cost of that law under the true weights starts Kleinman's monotone iteration.
     let (cost, _) = lyapunov_sum(&problem.closed_loop(&k), &problem.stage_cost(&k))?;
@@ -409,10 +418,10 @@ fn proved_measure(problem: &Problem, candidate: &Candidate) -> f64 {
 }
 
 fn refuse_unseen(problem: &Problem) -> Result<(), DareError> {
-    let Some((a, _, q)) = problem.reduced() else {
+    let Some(map) = problem.stage_map() else {
         return Ok(());
     };
-    let modes = hautus::unseen_modes(&a, &q).map_err(DareError::Spectrum)?;
+    let modes = hautus::unseen_modes(&map.a, &map.h).map_err(DareError::Spectrum)?;
     match modes.into_iter().next() {
         Some(mode) => Err(DareError::UnobservableOnCircle { mode }),
         None => Ok(()),

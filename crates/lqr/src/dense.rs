@@ -70,10 +70,6 @@ pub(crate) fn symmetrise(a: &mut Mat<f64>) {
     }
 }
 
-pub(crate) fn is_finite(a: MatRef<'_, f64>) -> bool {
-    (0..a.ncols()).all(|j| (0..a.nrows()).all(|i| a[(i, j)].is_finite()))
-}
-
 /// Frobenius norm of an owned matrix, scaled so that it neither overflows nor underflows.
 pub(crate) fn norm(a: &Mat<f64>) -> f64 {
     let sum: f64 = (0..a.ncols())

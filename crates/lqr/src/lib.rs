@@ -1,15 +1,36 @@
 #![doc = include_str!("../README.md")]
 
+mod certificate;
+mod chain;
+mod chain_claim;
+mod constraints;
 mod dare;
 mod dense;
+mod doubling;
+mod ellipsoid;
+mod exact;
 mod hautus;
 mod input;
+mod max_volume;
+mod polytope;
 mod riccati;
+mod simplex;
 mod spectrum;
+mod subspace;
 
+pub use certificate::{Certificate, Check, Rigour, TerminalClaim, Witness};
+pub use chain::{BackwardChain, ChainError, PeriodicSolution, Stage};
+pub use chain_claim::{ChainClaim, ChainClaimError};
+pub use constraints::{
+    Constraint, ConstraintError, ConstraintKind, Constraints, LawRow, RateAugmented,
+};
 pub use dare::{Conditioning, Dare, DareError, DareSolution, NearLoss};
+pub use ellipsoid::{Ellipsoid, LevelReason, TerminalSetError, chain_levels};
 pub use hautus::{
     Stabilisability, UncontrollableMode, UnobservableMode, stabilisability, unobservable_on_circle,
 };
 pub use input::InputError;
+pub use max_volume::largest_volume_ellipsoid;
+pub use polytope::{AdmissibleSet, Determination, SetRow};
 pub use spectrum::{SpectrumError, discrete_lyapunov, spectral_radius};
+pub use subspace::{ControllableSubspace, controllable_subspace};

@@ -6,9 +6,10 @@
 //! loses no digits when A'PA and its reduction nearly cancel.
 
 use crate::dense::{
-    add_scaled, cholesky, cholesky_solve, congruence, identity, max_abs, mul, mul_tr, norm,
-    symmetrise, tr_mul,
+    add_scaled, cholesky, cholesky_solve, congruence, identity, max_abs, mul, norm, symmetrise,
+    tr_mul,
 };
+use crate::doubling::StageMap;
 use faer::{Mat, Side};
 
 /// Data of x+ = Ax + Bu with cost x'Qx + 2x'Su + u'Ru: A n x n, B n x m, Q n x n, R m x m, S n x m.
@@ -119,18 +120,26 @@ impl Problem {
     }
 
     /// (A - BR^-1S', BR^-1B', Q - SR^-1S'): the equation without its cross term, or `None` for a singular R.
-    pub(crate) fn reduced(&self) -> Option<(Mat<f64>, Mat<f64>, Mat<f64>)> {
+    pub(crate) fn stage_map(&self) -> Option<StageMap> {
         let r = cholesky(&self.r)?;
         let solved = cholesky_solve(&r, self.b.transpose().to_owned());
         let mut g = mul(&self.b, &solved);
         symmetrise(&mut g);
         let Some(s) = &self.s else {
-            return Some((self.a.clone(), g, self.q.clone()));
+            return Some(StageMap {
+                a: self.a.clone(),
+                g,
+                h: self.q.clone(),
+            });
         };
         let solved = cholesky_solve(&r, s.transpose().to_owned());
         let mut h = add_scaled(&self.q, -1.0, &mul(s, &solved));
         symmetrise(&mut h);
-        Some((add_scaled(&self.a, -1.0, &mul(&self.b, &solved)), g, h))
+        Some(StageMap {
+            a: add_scaled(&self.a, -1.0, &mul(&self.b, &solved)),
+            g,
+            h,
+        })
     }
 
     /// The joint weight [Q S; S' R].
@@ -254,46 +263,4 @@ fn power_of_two(x: f64) -> f64 {
     } else {
         1.0
     }
-}
-
-/// Doubling: after j steps H is the cost-to-go over 2^j stages from a zero terminal weight.
-///
-/// One step is A+ = A W^-1 A, G+ = G + A W^-1 G A', H+ = H + A'H W^-1 A with W = I + GH
-/// (structure-preserving doubling for the symplectic pencil). It converges quadratically to the minimal solution, the
-/// stabilising one unless Q misses an unstable mode. `None` where it does not settle.
-pub(crate) fn doubling(problem: &Problem, max_steps: usize) -> Option<(Mat<f64>, usize)> {
-    let n = problem.states();
-    let (mut a, mut g, mut h) = problem.reduced()?;
-    for step in 1..=max_steps {
-        let w = add_scaled(&identity(n), 1.0, &mul(&g, &h));
-        let both = Mat::from_fn(
-            n,
-            2 * n,
-            |i, j| if j < n { a[(i, j)] } else { g[(i, j - n)] },
-        );
-        let solved = crate::dense::solve(w, both)?;
-        let (wa, wg) = (
-            solved.get(.., ..n).to_owned(),
-            solved.get(.., n..).to_owned(),
-        );
-        let mut growth = tr_mul(&a, &mul(&h, &wa));
-        symmetrise(&mut growth);
-        h = add_scaled(&h, 1.0, &growth);
-        let (change, size) = (norm(&growth), norm(&h));
-        if !size.is_finite() {
-            return None;
-        }
-        if change <= 1e-15 * size {
-            return Some((h, step));
-        }
-        let mut reach = mul_tr(&mul(&a, &wg), &a);
-        symmetrise(&mut reach);
-        g = add_scaled(&g, 1.0, &reach);
-        a = mul(&a, &wa);
-        // The next growth is at most |A|^2 |H|: below a thousandth of rounding it cannot matter.
-        if norm(&a) < 1e-9 {
-            return Some((h, step));
-        }
-    }
-    None
 }
