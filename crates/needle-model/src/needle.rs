@@ -2,7 +2,7 @@
 //! V = [0, 0, v, kappa v, 0, omega], equations (2) and (3) of the paper.
 //!
 //! Exact for inputs held over dt; torsion, bevel offset and varying curvature are added by
-//! the physical needle.
+//! [`crate::PhysicalNeedle`].
 
 use nalgebra::Vector6;
 use thiserror::Error;
