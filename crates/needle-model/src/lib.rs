@@ -3,8 +3,10 @@
 mod arc;
 mod bevel_offset;
 mod chart;
+mod controllability;
 mod curvature_profile;
 mod duty_cycle;
+mod error_direction;
 mod euler_jacobian;
 mod euler_plant;
 mod lagged_needle;
@@ -21,8 +23,12 @@ mod torsion;
 pub use arc::{Arc, ArcError};
 pub use bevel_offset::BevelOffset;
 pub use chart::{CHART_MARGIN, ChartError, EulerState};
+pub use controllability::{
+    ControllabilityError, ControllabilityReport, ControllabilityWarning, RANK_TOLERANCE,
+};
 pub use curvature_profile::{CurvatureProfile, CurvatureProfileError};
 pub use duty_cycle::{DutyCycle, DutyCycleError};
+pub use error_direction::ErrorDirection;
 pub use euler_jacobian::EulerJacobians;
 pub use euler_plant::{EulerIntegrator, EulerPlant};
 pub use lagged_needle::{LaggedJacobians, LaggedState};

@@ -1,5 +1,7 @@
 //! The plant on SE(3) against closed forms and a matrix exponential.
 
+use std::f64::consts::PI;
+
 use nalgebra::{Matrix4, Vector3, Vector6};
 use needle_model::{Input, Needle, Pose, StepError};
 use proptest::prelude::*;
@@ -153,7 +155,7 @@ proptest! {
     #[test]
     fn logarithm_inverts_the_exponential(
         direction in twist_within(1.0, 1.0),
-        angle in prop_oneof![0.0..1e-7, 0.0..1e-3, 0.0..3.1415],
+        angle in prop_oneof![0.0..1e-7, 0.0..1e-3, 0.0..PI - 1e-4],
         length_mm in prop_oneof![0.0..1e-6, 0.0..1e3],
     ) {
         let norm = direction.fixed_rows::<3>(3).norm().max(1e-9);
@@ -161,7 +163,7 @@ proptest! {
         for i in 0..3 {
             xi[i] = direction[i] * length_mm;
         }
-        prop_assume!(xi.fixed_rows::<3>(3).norm() < 3.1415);
+        prop_assume!(xi.fixed_rows::<3>(3).norm() < PI - 1e-4);
         let error = (Pose::exp(&xi).log() - xi).norm();
         // At an angle of pi - 1e-4 the half angle is still well conditioned: rounding only.
         prop_assert!(error < 1e-13 * (1.0 + xi.norm()), "{error:e}");
