@@ -8,7 +8,7 @@ use nalgebra::{Matrix3x6, Matrix6, Matrix6x2, Vector3, Vector6};
 
 use crate::needle::{Input, Needle, StepError};
 use crate::pose::Pose;
-use crate::se3::{hat, left_jacobian_inverse, right_jacobian_inverse};
+use crate::se3::{hat, left_jacobian, left_jacobian_inverse, right_jacobian_inverse};
 
 /// Residual log(target^-1 f(pose, input)) of one step, and its Jacobians.
 ///
@@ -45,6 +45,32 @@ pub struct PointResidual {
     pub value: Vector3<f64>,
     /// 3x6, by the perturbation of the pose.
     pub by_pose: Matrix3x6<f64>,
+}
+
+/// The linearised step solved for the next pose: delta_{k+1} = a delta_k + b delta_u + c, with
+/// perturbations of the poses of an iterate. This is the form that stage-wise solvers take.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinearisedStep {
+    /// 6x6.
+    pub a: Matrix6<f64>,
+    /// 6x2, by (v in mm/s, omega in rad/s).
+    pub b: Matrix6x2<f64>,
+    /// 6 (mm, rad): the defect of the iterate.
+    pub c: Vector6<f64>,
+}
+
+impl StepResidual {
+    /// Solves the linearised residual for the perturbation of the target.
+    #[must_use]
+    pub fn solved_for_target(&self) -> LinearisedStep {
+        // -by_target^-1 = J_l(value), and J_l(value) value = value.
+        let left = left_jacobian(&self.value);
+        LinearisedStep {
+            a: left * self.by_pose,
+            b: left * self.by_input,
+            c: self.value,
+        }
+    }
 }
 
 impl Needle {

@@ -16,4 +16,8 @@ mod kinematics;
 #[cfg(test)]
 mod linearisation;
 #[cfg(test)]
+mod paths;
+#[cfg(test)]
+mod positions;
+#[cfg(test)]
 mod printed;
