@@ -186,4 +186,23 @@ proptest! {
             prop_assert!((by_omega - j.b.column(1)).norm() < 1e-8, "{integrator:?} omega");
         }
     }
+
+    #[test]
+    fn the_step_solved_for_its_target_keeps_the_residual_zero_to_second_order(
+        at in twist_within(50.0, 3.0), defect in twist_within(2.0, 1.0), delta in twist_within(1.0, 1.0),
+        input in input(), kappa in curvature(),
+    ) {
+        let needle = Needle::new(kappa).unwrap();
+        let pose = Pose::exp(&at);
+        // What is left after a linearised correction of the whole defect shrinks with its square.
+        let left = |t: f64| {
+            let target = needle.step(&pose, input, 0.1).unwrap().perturbed(&(defect * t));
+            let step_t = needle.step_residual(&pose, input, &target, 0.1).unwrap().solved_for_target();
+            let moved = Input { v_mm_s: input.v_mm_s + t, omega_rad_s: input.omega_rad_s - t };
+            let du = nalgebra::Vector2::new(t, -t);
+            let next = target.perturbed(&(step_t.a * delta * t + step_t.b * du + step_t.c));
+            needle.step_residual(&pose.perturbed(&(delta * t)), moved, &next, 0.1).unwrap().value.norm()
+        };
+        prop_assert!(left(1e-4) < 1e-6, "{:e}", left(1e-4));
+    }
 }
