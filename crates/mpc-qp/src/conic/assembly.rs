@@ -36,8 +36,9 @@ impl Target for Indices {
     fn right(&mut self, _row: usize, _value: f64) {}
 }
 
-/// Writes the entries into an existing pattern.
+/// Writes the entries into an existing pattern, costs multiplied by `cost_scale`.
 pub(super) struct Values<'a> {
+    cost_scale: f64,
     cost: &'a mut Pattern,
     constraints: &'a mut Pattern,
     linear: &'a mut [f64],
@@ -52,8 +53,10 @@ impl<'a> Values<'a> {
         constraints: &'a mut Pattern,
         linear: &'a mut [f64],
         right: &'a mut [f64],
+        cost_scale: f64,
     ) -> Self {
         Self {
+            cost_scale,
             cost,
             constraints,
             linear,
@@ -66,7 +69,7 @@ impl<'a> Values<'a> {
 
 impl Target for Values<'_> {
     fn cost(&mut self, _row: usize, _column: usize, value: f64) {
-        self.cost.write(self.cost_ordinal, value);
+        self.cost.write(self.cost_ordinal, value * self.cost_scale);
         self.cost_ordinal += 1;
     }
     fn constraint(&mut self, _row: usize, _column: usize, value: f64) {
@@ -74,11 +77,25 @@ impl Target for Values<'_> {
         self.constraint_ordinal += 1;
     }
     fn linear(&mut self, column: usize, value: f64) {
-        self.linear[column] = value;
+        self.linear[column] = value * self.cost_scale;
     }
     fn right(&mut self, row: usize, value: f64) {
         self.right[row] = value;
     }
+}
+
+/// The power of two that brings the largest cost entry to between 1 and 2, or 1 for a zero cost.
+///
+/// Clarabel scales the cost as well, but at most by 1e4, and keeps the scaling of its first problem. A power of two changes
+/// no mantissa.
+pub(super) fn cost_scale<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> f64 {
+    let terminal = problem.terminal();
+    let mut largest = terminal.p.amax().max(terminal.p_linear.amax());
+    for stage in problem.stages() {
+        let quadratic = stage.q.amax().max(stage.r.amax());
+        largest = largest.max(quadratic).max(stage.q_linear.amax()).max(stage.r_linear.amax());
+    }
+    if largest > f64::MIN_POSITIVE { (-largest.log2().floor()).exp2() } else { 1.0 }
 }
 
 pub(super) fn assemble<const NX: usize, const NU: usize>(

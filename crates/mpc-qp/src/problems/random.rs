@@ -44,7 +44,7 @@ pub struct Recipe {
     pub set: SetKind,
     /// Softened groups.
     pub softening: Softening,
-    /// Weights within one matrix differ by up to 10 to this power; the whole cost is scaled by 10 to plus or minus its half.
+    /// Weights within one matrix differ by up to 10 to this power; the whole cost is scaled by 10 to plus or minus its quarter.
     pub weight_decades: f64,
     /// Distance of constraints from the reference trajectory; a tenth of them are twenty times closer.
     pub margin: f64,
@@ -94,7 +94,7 @@ impl Recipe {
         Self { softening, state_bounds: true, ..Self::feasible(seed, longest) }
     }
 
-    /// As [`Self::feasible`], with weights spread over twelve decades and the whole cost scaled by 1e-6 to 1e6.
+    /// As [`Self::feasible`], with weights spread over 1e-6 to 1e6 and the whole cost scaled by 1e-3 to 1e3 on top.
     #[must_use]
     pub fn badly_scaled(seed: u64, longest: usize) -> Self {
         Self { weight_decades: 12.0, ..Self::feasible(seed, longest) }
@@ -150,11 +150,13 @@ pub fn problem<const NX: usize, const NU: usize>(seed: u64, recipe: &Recipe) -> 
     let mut draw = Draw::new(seed);
     let mut stages = dynamics(&mut draw, recipe);
     let mut reference = Reference::draw(&mut draw, &stages);
+    let whole = draw.power_of_ten(-recipe.weight_decades / 4.0, recipe.weight_decades / 4.0);
     for (k, stage) in stages.iter_mut().enumerate() {
-        weights(&mut draw, recipe, stage);
+        weights(&mut draw, recipe, whole, stage);
         constraints(&mut draw, recipe, &reference, k, stage);
     }
     let mut terminal = terminal(&mut draw, recipe, reference.x[recipe.horizon]);
+    terminal.p *= whole;
     if let Some(group) = recipe.contradiction {
         contradict(&mut draw, group, &mut reference, &mut stages, &mut terminal);
     }
@@ -215,9 +217,14 @@ fn spectral_radius<const NX: usize>(a: &SMatrix<f64, NX, NX>) -> f64 {
 }
 
 /// Joint weight `[Lx Lu]'[Lx Lu]` plus a little on the inputs; Lx may be rank deficient.
-fn weights<const NX: usize, const NU: usize>(draw: &mut Draw, recipe: &Recipe, stage: &mut Stage<NX, NU>) {
+fn weights<const NX: usize, const NU: usize>(
+    draw: &mut Draw,
+    recipe: &Recipe,
+    whole: f64,
+    stage: &mut Stage<NX, NU>,
+) {
     let half_spread = recipe.weight_decades / 4.0;
-    let mut scaling = || draw.power_of_ten(-half_spread, half_spread.max(-half_spread + f64::MIN_POSITIVE));
+    let mut scaling = || draw.power_of_ten(-half_spread, half_spread);
     let of_states = SVector::<f64, NX>::from_fn(|_, _| scaling());
     let of_inputs = SVector::<f64, NU>::from_fn(|_, _| scaling());
     let mut l_x: SMatrix<f64, NX, NX> = draw.matrix();
@@ -227,7 +234,6 @@ fn weights<const NX: usize, const NU: usize>(draw: &mut Draw, recipe: &Recipe, s
     for (mut column, scale) in l_x.column_iter_mut().zip(of_states.iter()) {
         column *= *scale;
     }
-    let whole = draw.power_of_ten(-recipe.weight_decades / 2.0, recipe.weight_decades / 2.0 + f64::MIN_POSITIVE);
     let little = draw.power_of_ten(-2.0, 0.0);
     let squares = of_inputs.component_mul(&of_inputs);
     stage.q = l_x.tr_mul(&l_x) * whole;
