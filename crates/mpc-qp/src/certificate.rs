@@ -6,12 +6,13 @@
 
 use crate::constraints::for_each_scalar;
 use crate::error::Place;
-use crate::multipliers::TerminalSetMultipliers;
+use crate::multipliers::{Multipliers, TerminalSetMultipliers};
 use crate::problem::OcpQp;
 use crate::residuals::LagrangianGradient;
 use crate::softening::ConstraintGroup;
 use crate::solution::Solution;
 use crate::terminal::TerminalSet;
+use nalgebra::SVector;
 
 /// The quality of a Farkas ray; the ray itself is in [`Solution::multipliers`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,6 +61,30 @@ impl Blame {
 /// Part of the largest charge below which a place is not named: an interior point leaves every multiplier positive.
 const LEAST_SHARE: f64 = 1e-3;
 
+/// Takes from each pair of opposite bounds what both multipliers have in common.
+///
+/// Interior-point rays leave a positive multiplier on every bound. The common part of a pair cancels in A'y and adds
+/// `common * (upper - lower) >= 0` to b'y: without it the ray proves more and blames less.
+pub fn cancel_opposite_multipliers<const NX: usize, const NU: usize>(
+    multipliers: &mut Multipliers<NX, NU>,
+) {
+    for stage in &mut multipliers.stages {
+        cancel(&mut stage.u_min, &mut stage.u_max);
+        cancel(&mut stage.du_min, &mut stage.du_max);
+        cancel(&mut stage.x_min, &mut stage.x_max);
+    }
+    cancel(
+        &mut multipliers.terminal.x_min,
+        &mut multipliers.terminal.x_max,
+    );
+}
+
+fn cancel<const N: usize>(lower: &mut SVector<f64, N>, upper: &mut SVector<f64, N>) {
+    let common = lower.inf(upper);
+    *lower -= common;
+    *upper -= common;
+}
+
 /// Judges the ray in `solution.multipliers`; neither the states nor the costs are used.
 #[must_use]
 pub fn examine_certificate<const NX: usize, const NU: usize>(
@@ -81,7 +106,9 @@ pub fn examine_certificate<const NX: usize, const NU: usize>(
         })
         .fold(0.0, f64::max);
     let mut largest = 0.0_f64;
-    for_each_scalar(problem, solution, |constraint| largest = largest.max(constraint.multiplier * constraint.norm));
+    for_each_scalar(problem, solution, |constraint| {
+        largest = largest.max(constraint.multiplier * constraint.norm)
+    });
     let mut tally = Tally::new(LEAST_SHARE * largest);
     for (stage, costate) in problem.stages().iter().zip(&solution.multipliers.costates) {
         tally.product -= costate.dot(&stage.c);
@@ -130,7 +157,9 @@ struct Account {
 impl Account {
     /// Books what was charged at the present place and moves on.
     fn close(&mut self, negligible: f64) {
-        let Some((place, amount)) = self.here.take() else { return };
+        let Some((place, amount)) = self.here.take() else {
+            return;
+        };
         if amount <= negligible {
             return;
         }
@@ -161,11 +190,18 @@ impl Tally {
             ConstraintGroup::TerminalSet,
         ];
         let accounts = groups.map(|group| (group, Account::default()));
-        Self { product: 0.0, sign_violation: 0.0, negligible, accounts }
+        Self {
+            product: 0.0,
+            sign_violation: 0.0,
+            negligible,
+            accounts,
+        }
     }
 
     fn charge(&mut self, group: ConstraintGroup, place: Place, amount: f64) {
-        let Some((_, account)) = self.accounts.iter_mut().find(|(of, _)| *of == group) else { return };
+        let Some((_, account)) = self.accounts.iter_mut().find(|(of, _)| *of == group) else {
+            return;
+        };
         account.total += amount;
         match &mut account.here {
             Some((at, sum)) if *at == place => *sum += amount,
@@ -185,13 +221,24 @@ impl Tally {
         let soft = problem.softening().terminal_set.is_soft();
         match (&problem.terminal().set, &solution.multipliers.terminal.set) {
             (TerminalSet::Equality { target }, TerminalSetMultipliers::Equality(multiplier)) => {
-                self.sign_violation = self.sign_violation.max(if soft { multiplier.amax() } else { 0.0 });
+                self.sign_violation =
+                    self.sign_violation
+                        .max(if soft { multiplier.amax() } else { 0.0 });
                 self.product += multiplier.dot(target);
                 self.charge(group, place, multiplier.lp_norm(1));
             }
-            (TerminalSet::Ellipsoid { .. }, TerminalSetMultipliers::Ellipsoid { radius, offset }) => {
-                let Some(cone) = problem.terminal_cone() else { return };
-                let beyond = if soft { radius.abs() } else { offset.norm() - radius };
+            (
+                TerminalSet::Ellipsoid { .. },
+                TerminalSetMultipliers::Ellipsoid { radius, offset },
+            ) => {
+                let Some(cone) = problem.terminal_cone() else {
+                    return;
+                };
+                let beyond = if soft {
+                    radius.abs()
+                } else {
+                    offset.norm() - radius
+                };
                 self.sign_violation = self.sign_violation.max(beyond);
                 let force = cone.factor * offset;
                 self.product += cone.radius * radius - force.dot(cone.center);
@@ -201,13 +248,19 @@ impl Tally {
         }
     }
 
-    fn blame(mut self) -> Blame {
+    fn blame(self) -> Blame {
         let whole: f64 = self.accounts.iter().map(|(_, account)| account.total).sum();
         let mut entries = self.accounts.map(|(group, ref mut account)| {
             account.close(self.negligible);
             let (worst, range) = (account.worst?, account.range?);
             let share = account.total / whole;
-            Some(BlameEntry { group, share, worst: worst.0, first: range.0, last: range.1 })
+            Some(BlameEntry {
+                group,
+                share,
+                worst: worst.0,
+                first: range.0,
+                last: range.1,
+            })
         });
         let share = |entry: &Option<BlameEntry>| entry.map_or(0.0, |entry| entry.share);
         entries.sort_by(|one, other| share(other).total_cmp(&share(one)));

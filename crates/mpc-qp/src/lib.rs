@@ -16,7 +16,9 @@ mod validation;
 pub mod conic;
 pub mod problems;
 
-pub use certificate::{Blame, BlameEntry, InfeasibilityCertificate, examine_certificate};
+pub use certificate::{
+    Blame, BlameEntry, InfeasibilityCertificate, cancel_opposite_multipliers, examine_certificate,
+};
 pub use conic::ClarabelSolver;
 pub use error::{Place, ProblemError, SolveError};
 pub use multipliers::{

@@ -129,6 +129,7 @@ impl Residuals {
             self.multiplier_signs.record(-multiplier, multiplier.abs());
             if constraint.right == f64::INFINITY {
                 self.multiplier_signs.record(multiplier.abs(), 0.0);
+                self.constraints.record(slack.abs(), 0.0);
                 return;
             }
             let distance = constraint.right + slack - constraint.left;

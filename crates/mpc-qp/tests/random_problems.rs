@@ -1,7 +1,10 @@
 //! Thousands of random problems of every kind through the conic solver, judged by the shared residuals.
 
 use mpc_qp::problems::random::{self, Recipe};
-use mpc_qp::{ClarabelSolver, ConstraintGroup, OcpSolver, Residual, Solution, SolveStatus, SolverSettings, Start};
+use mpc_qp::{
+    ClarabelSolver, ConstraintGroup, OcpSolver, Residual, Solution, SolveStatus, SolverSettings,
+    Start,
+};
 use proptest::prelude::*;
 
 /// What a solve came to, without the sizes.
@@ -17,11 +20,26 @@ fn outcome<const NX: usize, const NU: usize>(seed: u64, recipe: &Recipe) -> Outc
     let mut solution = Solution::new(&problem);
     let mut solver = ClarabelSolver::new(&problem, SolverSettings::default()).unwrap();
     solver.solve(&problem, Start::Cold, &mut solution).unwrap();
-    let finite = solution.x.iter().all(|x| x.iter().all(|value| value.is_finite()))
-        && solution.u.iter().all(|u| u.iter().all(|value| value.is_finite()))
-        && solution.multipliers.costates.iter().all(|costate| costate.iter().all(|value| value.is_finite()));
+    let finite = solution
+        .x
+        .iter()
+        .all(|x| x.iter().all(|value| value.is_finite()))
+        && solution
+            .u
+            .iter()
+            .all(|u| u.iter().all(|value| value.is_finite()))
+        && solution
+            .multipliers
+            .costates
+            .iter()
+            .all(|costate| costate.iter().all(|value| value.is_finite()));
     let residuals = solution.residuals;
-    Outcome { status: solution.status, worst_residual: residuals.worst(), finite, dynamics: residuals.dynamics }
+    Outcome {
+        status: solution.status,
+        worst_residual: residuals.worst(),
+        finite,
+        dynamics: residuals.dynamics,
+    }
 }
 
 /// Every state size from 1 to 12 with an input size from 1 to 4.

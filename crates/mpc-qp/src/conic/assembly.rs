@@ -93,9 +93,16 @@ pub(super) fn cost_scale<const NX: usize, const NU: usize>(problem: &OcpQp<NX, N
     let mut largest = terminal.p.amax().max(terminal.p_linear.amax());
     for stage in problem.stages() {
         let quadratic = stage.q.amax().max(stage.r.amax());
-        largest = largest.max(quadratic).max(stage.q_linear.amax()).max(stage.r_linear.amax());
+        largest = largest
+            .max(quadratic)
+            .max(stage.q_linear.amax())
+            .max(stage.r_linear.amax());
     }
-    if largest > f64::MIN_POSITIVE { (-largest.log2().floor()).exp2() } else { 1.0 }
+    if largest > f64::MIN_POSITIVE {
+        (-largest.log2().floor()).exp2()
+    } else {
+        1.0
+    }
 }
 
 pub(super) fn assemble<const NX: usize, const NU: usize>(

@@ -1,7 +1,7 @@
 //! Reads Clarabel's vectors back into stages, and its verdict into ours.
 
 use super::layout::{Inequality, Layout, Side};
-use crate::certificate::examine_certificate;
+use crate::certificate::{cancel_opposite_multipliers, examine_certificate};
 use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
 use crate::problem::OcpQp;
 use crate::softening::Penalty;
@@ -10,7 +10,7 @@ use clarabel::solver::{DefaultSolution, SolverStatus};
 use nalgebra::SVector;
 
 /// Worst shared residual at which a solve that stopped early still counts as an inaccurate solution.
-const INACCURATE: f64 = 1e-5;
+pub(super) const INACCURATE: f64 = 1e-5;
 
 /// `price` turns Clarabel's multipliers, those of the scaled cost, into the problem's.
 pub(super) fn extract<const NX: usize, const NU: usize>(
@@ -167,11 +167,12 @@ fn terminal_set<const NX: usize, const NU: usize>(
 pub(super) fn status<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     verdict: SolverStatus,
-    solution: &Solution<NX, NU>,
+    solution: &mut Solution<NX, NU>,
 ) -> SolveStatus {
     match verdict {
         SolverStatus::Solved => SolveStatus::Solved,
         SolverStatus::PrimalInfeasible => {
+            cancel_opposite_multipliers(&mut solution.multipliers);
             let (certificate, blame) = examine_certificate(problem, solution);
             if certificate.residual.is_finite() {
                 SolveStatus::PrimalInfeasible { certificate, blame }

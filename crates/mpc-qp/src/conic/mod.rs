@@ -145,8 +145,14 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for ClarabelSolver<NX, 
         self.refill(problem)?;
         self.run(problem, solution);
         let gap = solution.residuals.complementarity.relative();
-        let in_time = self.settings.time_limit.is_none_or(|limit| clock.elapsed() * 2 < limit);
-        if solution.status == SolveStatus::Solved && gap > LOOSE * self.settings.tolerance && in_time {
+        let in_time = self
+            .settings
+            .time_limit
+            .is_none_or(|limit| clock.elapsed() * 2 < limit);
+        if solution.status == SolveStatus::Solved
+            && gap > LOOSE * self.settings.tolerance
+            && in_time
+        {
             self.run_again(problem, gap, solution)?;
         }
         solution.time = clock.elapsed();
@@ -160,7 +166,13 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
     fn run(&mut self, problem: &OcpQp<NX, NU>, solution: &mut Solution<NX, NU>) {
         self.solver.solve();
         let price = self.cost_scale.recip();
-        extraction::extract(problem, &self.layout, &self.solver.solution, price, solution);
+        extraction::extract(
+            problem,
+            &self.layout,
+            &self.solver.solution,
+            price,
+            solution,
+        );
         solution.evaluate(problem);
         solution.status = extraction::status(problem, self.solver.solution.status, solution);
     }
@@ -189,15 +201,24 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
     fn set_gap_tolerance(&mut self, tolerance: f64) -> Result<(), SolveError> {
         let mut settings = clarabel_settings(&self.settings);
         (settings.tol_gap_abs, settings.tol_gap_rel) = (tolerance, tolerance);
-        Ok(self.solver.update_settings(settings).map_err(clarabel::solver::SolverError::from)?)
+        Ok(self
+            .solver
+            .update_settings(settings)
+            .map_err(clarabel::solver::SolverError::from)?)
     }
 
     /// The status that the shared residuals support, for all statuses that claim an answer or stopped short of one.
     fn graded(&self, solution: &Solution<NX, NU>) -> SolveStatus {
         let worst = solution.residuals.worst();
         match solution.status {
-            SolveStatus::Solved if worst > ACCURATE * self.settings.tolerance => SolveStatus::SolvedInaccurate,
-            SolveStatus::SolvedInaccurate if worst <= self.settings.tolerance => SolveStatus::Solved,
+            // Clarabel measures stationarity relative to |x|: an unbounded problem can drive x up until it says `Solved`.
+            SolveStatus::Solved if worst > extraction::INACCURATE => SolveStatus::NumericalTrouble,
+            SolveStatus::Solved if worst > ACCURATE * self.settings.tolerance => {
+                SolveStatus::SolvedInaccurate
+            }
+            SolveStatus::SolvedInaccurate if worst <= self.settings.tolerance => {
+                SolveStatus::Solved
+            }
             status => status,
         }
     }
@@ -259,14 +280,26 @@ mod tests {
     use crate::problems::random::{self, Recipe};
 
     fn bits(solver: &ClarabelSolver<4, 2>) -> Vec<u64> {
-        let parts = [solver.cost.values(), solver.constraints.values(), &solver.linear, &solver.right];
-        parts.into_iter().flatten().map(|value| value.to_bits()).collect()
+        let parts = [
+            solver.cost.values(),
+            solver.constraints.values(),
+            &solver.linear,
+            &solver.right,
+        ];
+        parts
+            .into_iter()
+            .flatten()
+            .map(|value| value.to_bits())
+            .collect()
     }
 
     #[test]
     fn refilled_data_equal_freshly_built_bit_for_bit() {
         for seed in 0..60 {
-            let recipe = Recipe { horizon: 12, ..Recipe::softened(seed, 12) };
+            let recipe = Recipe {
+                horizon: 12,
+                ..Recipe::softened(seed, 12)
+            };
             let first = random::problem::<4, 2>(seed, &recipe).unwrap();
             let mut second = random::problem::<4, 2>(seed + 1000, &recipe).unwrap();
             let mut refilled = ClarabelSolver::new(&first, SolverSettings::default()).unwrap();
@@ -275,20 +308,32 @@ mod tests {
             let builds = refilled.builds();
             refilled.refill(&first).unwrap();
             refilled.refill(&second).unwrap();
-            assert_eq!(refilled.builds(), builds, "a pattern that covers both problems is never made again");
+            assert_eq!(
+                refilled.builds(),
+                builds,
+                "a pattern that covers both problems is never made again"
+            );
             let layout = refilled.layout.clone();
-            let fresh = ClarabelSolver::build(&second, layout, SolverSettings::default(), 1).unwrap();
+            let fresh =
+                ClarabelSolver::build(&second, layout, SolverSettings::default(), 1).unwrap();
             assert_eq!(bits(&refilled), bits(&fresh));
             let state = *second.initial_state() * 2.0;
             second.set_initial_state(&state).unwrap();
             refilled.refill(&second).unwrap();
-            assert_ne!(bits(&refilled), bits(&fresh), "the comparison sees a changed initial state");
+            assert_ne!(
+                bits(&refilled),
+                bits(&fresh),
+                "the comparison sees a changed initial state"
+            );
         }
     }
 
     #[test]
     fn pattern_grows_once_for_a_bound_that_appears_and_stays_when_it_goes() {
-        let recipe = Recipe { input_bounds: false, ..Recipe::feasible(3, 8) };
+        let recipe = Recipe {
+            input_bounds: false,
+            ..Recipe::feasible(3, 8)
+        };
         let mut problem = random::problem::<4, 2>(3, &recipe).unwrap();
         let mut solver = ClarabelSolver::new(&problem, SolverSettings::default()).unwrap();
         let free = problem.stages()[0].clone();

@@ -68,7 +68,11 @@ impl Recipe {
             input_bounds: draw.chance(0.7),
             rate_limits: draw.chance(0.5),
             state_bounds: draw.chance(0.5),
-            rows: if draw.chance(0.4) { draw.integer(1, 4) } else { 0 },
+            rows: if draw.chance(0.4) {
+                draw.integer(1, 4)
+            } else {
+                0
+            },
             cross_weights: draw.chance(0.3),
             set,
             softening: Softening::default(),
@@ -90,14 +94,25 @@ impl Recipe {
                 _ => Penalty::Quadratic { weight },
             }
         };
-        let softening = Softening { state_bounds: penalty(), rows: penalty(), terminal_set: penalty() };
-        Self { softening, state_bounds: true, ..Self::feasible(seed, longest) }
+        let softening = Softening {
+            state_bounds: penalty(),
+            rows: penalty(),
+            terminal_set: penalty(),
+        };
+        Self {
+            softening,
+            state_bounds: true,
+            ..Self::feasible(seed, longest)
+        }
     }
 
     /// As [`Self::feasible`], with weights spread over 1e-6 to 1e6 and the whole cost scaled by 1e-3 to 1e3 on top.
     #[must_use]
     pub fn badly_scaled(seed: u64, longest: usize) -> Self {
-        Self { weight_decades: 12.0, ..Self::feasible(seed, longest) }
+        Self {
+            weight_decades: 12.0,
+            ..Self::feasible(seed, longest)
+        }
     }
 
     /// As [`Self::feasible`], with one contradiction among its hard constraints.
@@ -109,12 +124,19 @@ impl Recipe {
             2 => ConstraintGroup::Rows,
             _ => ConstraintGroup::TerminalSet,
         };
-        let mut recipe = Self { contradiction: Some(contradiction), ..Self::feasible(seed, longest) };
+        let mut recipe = Self {
+            contradiction: Some(contradiction),
+            ..Self::feasible(seed, longest)
+        };
         match contradiction {
             ConstraintGroup::Rows => recipe.rows = recipe.rows.max(2),
             ConstraintGroup::TerminalSet => {
                 recipe.input_bounds = true;
-                recipe.set = if seed % 8 < 4 { SetKind::Ellipsoid } else { SetKind::Equality };
+                recipe.set = if seed % 8 < 4 {
+                    SetKind::Ellipsoid
+                } else {
+                    SetKind::Equality
+                };
             }
             _ => {
                 recipe.input_bounds = true;
@@ -146,7 +168,10 @@ impl Recipe {
 ///
 /// # Errors
 /// [`ProblemError::EmptyHorizon`] for a recipe without stages, or a refused softening; the data drawn are always valid.
-pub fn problem<const NX: usize, const NU: usize>(seed: u64, recipe: &Recipe) -> Result<OcpQp<NX, NU>, ProblemError> {
+pub fn problem<const NX: usize, const NU: usize>(
+    seed: u64,
+    recipe: &Recipe,
+) -> Result<OcpQp<NX, NU>, ProblemError> {
     let mut draw = Draw::new(seed);
     let mut stages = dynamics(&mut draw, recipe);
     let mut reference = Reference::draw(&mut draw, &stages);
@@ -160,7 +185,8 @@ pub fn problem<const NX: usize, const NU: usize>(seed: u64, recipe: &Recipe) -> 
     if let Some(group) = recipe.contradiction {
         contradict(&mut draw, group, &mut reference, &mut stages, &mut terminal);
     }
-    let mut problem = OcpQp::new(reference.x[0], stages, terminal)?.with_softening(recipe.softening)?;
+    let mut problem =
+        OcpQp::new(reference.x[0], stages, terminal)?.with_softening(recipe.softening)?;
     problem.set_previous_input(&reference.previous_input)?;
     Ok(problem)
 }
@@ -184,12 +210,19 @@ impl<const NX: usize, const NU: usize> Reference<NX, NU> {
             u.push(input);
             x.push(stage.successor(&x[k], &input));
         }
-        Self { x, u, previous_input }
+        Self {
+            x,
+            u,
+            previous_input,
+        }
     }
 }
 
 /// Dynamics near a common pair, spectral radius 0.5 to 1.05 up to the variation: states grow at most by some 20 in 60 stages.
-fn dynamics<const NX: usize, const NU: usize>(draw: &mut Draw, recipe: &Recipe) -> Vec<Stage<NX, NU>> {
+fn dynamics<const NX: usize, const NU: usize>(
+    draw: &mut Draw,
+    recipe: &Recipe,
+) -> Vec<Stage<NX, NU>> {
     let raw: SMatrix<f64, NX, NX> = draw.matrix();
     let a = raw * (draw.uniform(0.5, 1.05) / spectral_radius(&raw).max(1e-3));
     let b: SMatrix<f64, NX, NU> = draw.matrix();
@@ -269,7 +302,11 @@ fn constraints<const NX: usize, const NU: usize>(
     stage: &mut Stage<NX, NU>,
 ) {
     let (x, u) = (reference.x[k], reference.u[k]);
-    let before = if k == 0 { reference.previous_input } else { reference.u[k - 1] };
+    let before = if k == 0 {
+        reference.previous_input
+    } else {
+        reference.u[k - 1]
+    };
     if recipe.input_bounds {
         for i in 0..NU {
             (stage.u_min[i], stage.u_max[i]) = interval(draw, u[i], recipe.margin);
@@ -292,8 +329,16 @@ fn constraints<const NX: usize, const NU: usize>(
     }
 }
 
-fn terminal<const NX: usize>(draw: &mut Draw, recipe: &Recipe, end: SVector<f64, NX>) -> Terminal<NX> {
-    let decades = if recipe.weight_decades > 0.0 { 4.0 } else { 0.5 };
+fn terminal<const NX: usize>(
+    draw: &mut Draw,
+    recipe: &Recipe,
+    end: SVector<f64, NX>,
+) -> Terminal<NX> {
+    let decades = if recipe.weight_decades > 0.0 {
+        4.0
+    } else {
+        0.5
+    };
     let eigenvalues = SVector::from_fn(|_, _| draw.power_of_ten(-decades, decades));
     let mut terminal = Terminal::new(draw.with_spectrum(&eigenvalues));
     terminal.p_linear = draw.matrix::<NX, 1>() * 0.1;
@@ -308,16 +353,25 @@ fn terminal<const NX: usize>(draw: &mut Draw, recipe: &Recipe, end: SVector<f64,
         SetKind::Polytope => {
             let faces = (0..2 * NX).map(|_| {
                 let normal: SVector<f64, NX> = draw.matrix();
-                HalfSpace { normal, upper: normal.dot(&end) + recipe.margin * draw.uniform(0.05, 1.0) }
+                HalfSpace {
+                    normal,
+                    upper: normal.dot(&end) + recipe.margin * draw.uniform(0.05, 1.0),
+                }
             });
-            TerminalSet::Polytope { faces: faces.collect() }
+            TerminalSet::Polytope {
+                faces: faces.collect(),
+            }
         }
         SetKind::Ellipsoid => {
             let shape = terminal.p;
             let offset = draw.matrix::<NX, 1>() * (0.3 * recipe.margin);
             let value = offset.dot(&(shape * offset));
             let level = value * draw.uniform(1.0, 4.0) + 1e-4 * recipe.margin * recipe.margin;
-            TerminalSet::Ellipsoid { shape, center: end - offset, level }
+            TerminalSet::Ellipsoid {
+                shape,
+                center: end - offset,
+                level,
+            }
         }
     };
     terminal
@@ -345,21 +399,32 @@ fn contradict<const NX: usize, const NU: usize>(
             let row = stages[k].rows[0];
             let upper = -row.upper.clamp(-1e3, 1e3) - 1.0;
             stages[k].rows[0].upper = row.upper.clamp(-1e3, 1e3);
-            stages[k].rows[1] = Row { g_x: -row.g_x, h_u: -row.h_u, upper };
+            stages[k].rows[1] = Row {
+                g_x: -row.g_x,
+                h_u: -row.h_u,
+                upper,
+            };
         }
         // Farther than bounded inputs can reach.
         ConstraintGroup::TerminalSet => {
+            // Sum of |A_{N-1} ... A_{k+1} B_k| for inputs within 1 of the reference.
             let mut reach = 1.0;
-            for (k, stage) in stages.iter_mut().enumerate() {
+            let mut onward = SMatrix::<f64, NX, NX>::identity();
+            for (stage, u) in stages.iter_mut().zip(&reference.u).rev() {
                 for i in 0..NU {
-                    stage.u_min[i] = stage.u_min[i].max(reference.u[k][i] - 1.0);
-                    stage.u_max[i] = stage.u_max[i].min(reference.u[k][i] + 1.0);
+                    stage.u_min[i] = stage.u_min[i].max(u[i] - 1.0);
+                    stage.u_max[i] = stage.u_max[i].min(u[i] + 1.0);
                 }
-                reach = stage.a.norm() * reach + stage.b.norm() * (NU as f64).sqrt();
+                reach += (onward * stage.b).norm() * (NU as f64).sqrt();
+                onward *= stage.a;
             }
             match &mut terminal.set {
                 TerminalSet::Equality { target } => target[0] += 2.0 * reach,
-                TerminalSet::Ellipsoid { shape, center, level } => {
+                TerminalSet::Ellipsoid {
+                    shape,
+                    center,
+                    level,
+                } => {
                     *shape = SMatrix::identity();
                     *level = 1.0;
                     center[0] += 2.0 * reach + 2.0;
