@@ -107,7 +107,7 @@ pub fn examine_certificate<const NX: usize, const NU: usize>(
         .fold(0.0, f64::max);
     let mut largest = 0.0_f64;
     for_each_scalar(problem, solution, |constraint| {
-        largest = largest.max(constraint.multiplier * constraint.norm)
+        largest = largest.max(constraint.multiplier * constraint.norm);
     });
     let mut tally = Tally::new(LEAST_SHARE * largest);
     for (stage, costate) in problem.stages().iter().zip(&solution.multipliers.costates) {

@@ -1,5 +1,7 @@
 //! Problems with closed-form solutions, solved by the conic solver at its tolerance of 1e-8.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests may fail loudly")]
+
 use mpc_qp::problems::known::{self, KnownProblem};
 use mpc_qp::{
     ClarabelSolver, ConstraintGroup, OcpSolver, Penalty, ProblemError, Solution, SolveStatus,

@@ -1,5 +1,7 @@
 //! Claims about whole problems: Riccati, refilling, softening, blame, limits, shifting.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests may fail loudly")]
+
 use mpc_qp::problems::random::{self, Recipe, SetKind};
 use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{

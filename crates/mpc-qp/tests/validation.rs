@@ -1,5 +1,7 @@
 //! Wrong data are errors that name the stage and the field; a refused refill changes nothing.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests may fail loudly")]
+
 use mpc_qp::{
     ConstraintGroup, HalfSpace, OcpQp, Penalty, Place, ProblemError, Row, Softening, Stage,
     Terminal, TerminalSet,
@@ -157,7 +159,7 @@ fn indefinite_weights_are_refused_at_any_scale() {
             // Each block is definite, the joint matrix is not: 1 - 4 < 0.
             refused(|stage| {
                 (stage.q, stage.r[0], stage.s[0]) =
-                    (Matrix2::identity() * scale, scale, 2.0 * scale)
+                    (Matrix2::identity() * scale, scale, 2.0 * scale);
             }),
             // A free input must not be coupled.
             refused(|stage| (stage.r[0], stage.s[0]) = (0.0, scale)),

@@ -48,7 +48,8 @@ pub struct Recipe {
     pub weight_decades: f64,
     /// Distance of constraints from the reference trajectory; a tenth of them are twenty times closer.
     pub margin: f64,
-    /// The contradiction to plant, if any.
+    /// The contradiction to plant, if any: rate limits, rows or the terminal set. Without this group the problem is
+    /// feasible, so every proof of infeasibility involves it.
     pub contradiction: Option<ConstraintGroup>,
 }
 
@@ -119,8 +120,7 @@ impl Recipe {
     #[must_use]
     pub fn infeasible(seed: u64, longest: usize) -> Self {
         let contradiction = match seed % 4 {
-            0 => ConstraintGroup::InputBounds,
-            1 => ConstraintGroup::RateLimits,
+            0 | 1 => ConstraintGroup::RateLimits,
             2 => ConstraintGroup::Rows,
             _ => ConstraintGroup::TerminalSet,
         };
@@ -388,7 +388,7 @@ fn contradict<const NX: usize, const NU: usize>(
     let k = draw.integer(0, stages.len() - 1);
     match group {
         // The input must fall by more than its rate allows.
-        ConstraintGroup::InputBounds | ConstraintGroup::RateLimits => {
+        ConstraintGroup::RateLimits | ConstraintGroup::InputBounds => {
             let before = &mut reference.previous_input[0];
             let first = &mut stages[0];
             (first.u_min[0], first.u_max[0]) = (reference.u[0][0] - 1.0, reference.u[0][0] + 1.0);
