@@ -6,9 +6,9 @@
 
 use crate::constraints::for_each_scalar;
 use crate::error::Place;
+use crate::lagrangian::LagrangianGradient;
 use crate::multipliers::{Multipliers, TerminalSetMultipliers};
 use crate::problem::OcpQp;
-use crate::residuals::LagrangianGradient;
 use crate::softening::ConstraintGroup;
 use crate::solution::Solution;
 use crate::terminal::TerminalSet;

@@ -3,6 +3,7 @@
 mod certificate;
 mod constraints;
 mod error;
+mod lagrangian;
 mod multipliers;
 mod problem;
 mod residuals;

@@ -1,6 +1,7 @@
 //! Reads Clarabel's vectors back into stages, and its verdict into ours.
 
-use super::layout::{Inequality, Layout, Side};
+use super::inequality::{Inequality, Side};
+use super::layout::Layout;
 use crate::certificate::{cancel_opposite_multipliers, examine_certificate};
 use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
 use crate::problem::OcpQp;

@@ -11,19 +11,24 @@
 
 mod assembly;
 mod extraction;
+mod inequality;
 mod layout;
 mod pattern;
+mod target;
+#[cfg(test)]
+mod tests;
 
 use crate::error::SolveError;
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
 use crate::solver::{OcpSolver, SolverSettings, Start};
-use assembly::{Values, assemble, cost_scale};
+use assembly::{assemble, cost_scale};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SupportedConeT};
 use layout::Layout;
 use pattern::Pattern;
 use std::time::Instant;
+use target::{Indices, Values};
 
 /// Clarabel with the sparse pattern of one problem structure.
 pub struct ClarabelSolver<const NX: usize, const NU: usize> {
@@ -79,7 +84,7 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         builds: usize,
     ) -> Result<Self, SolveError> {
         let (columns, rows) = (layout.columns(), layout.rows());
-        let mut indices = assembly::Indices::default();
+        let mut indices = Indices::default();
         assemble(problem, &layout, &mut indices);
         let mut cost = Pattern::new(columns, columns, &indices.cost)?;
         let mut constraints = Pattern::new(rows, columns, &indices.constraints)?;
@@ -271,79 +276,5 @@ fn clarabel_settings(settings: &SolverSettings) -> DefaultSettings<f64> {
         tol_infeas_abs: settings.tolerance,
         tol_infeas_rel: settings.tolerance,
         ..DefaultSettings::default()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::problems::random::{self, Recipe};
-
-    fn bits(solver: &ClarabelSolver<4, 2>) -> Vec<u64> {
-        let parts = [
-            solver.cost.values(),
-            solver.constraints.values(),
-            &solver.linear,
-            &solver.right,
-        ];
-        parts
-            .into_iter()
-            .flatten()
-            .map(|value| value.to_bits())
-            .collect()
-    }
-
-    #[test]
-    fn refilled_data_equal_freshly_built_bit_for_bit() {
-        for seed in 0..60 {
-            let recipe = Recipe {
-                horizon: 12,
-                ..Recipe::softened(seed, 12)
-            };
-            let first = random::problem::<4, 2>(seed, &recipe).unwrap();
-            let mut second = random::problem::<4, 2>(seed + 1000, &recipe).unwrap();
-            let mut refilled = ClarabelSolver::new(&first, SolverSettings::default()).unwrap();
-            // The pattern of both: a bound absent in one only would move rows.
-            refilled.refill(&second).unwrap();
-            let builds = refilled.builds();
-            refilled.refill(&first).unwrap();
-            refilled.refill(&second).unwrap();
-            assert_eq!(
-                refilled.builds(),
-                builds,
-                "a pattern that covers both problems is never made again"
-            );
-            let layout = refilled.layout.clone();
-            let fresh =
-                ClarabelSolver::build(&second, layout, SolverSettings::default(), 1).unwrap();
-            assert_eq!(bits(&refilled), bits(&fresh));
-            let state = *second.initial_state() * 2.0;
-            second.set_initial_state(&state).unwrap();
-            refilled.refill(&second).unwrap();
-            assert_ne!(
-                bits(&refilled),
-                bits(&fresh),
-                "the comparison sees a changed initial state"
-            );
-        }
-    }
-
-    #[test]
-    fn pattern_grows_once_for_a_bound_that_appears_and_stays_when_it_goes() {
-        let recipe = Recipe {
-            input_bounds: false,
-            ..Recipe::feasible(3, 8)
-        };
-        let mut problem = random::problem::<4, 2>(3, &recipe).unwrap();
-        let mut solver = ClarabelSolver::new(&problem, SolverSettings::default()).unwrap();
-        let free = problem.stages()[0].clone();
-        let mut bounded = free.clone();
-        bounded.u_max[0] = 1e3;
-        let mut solution = Solution::new(&problem);
-        for (stage, builds) in [(&free, 1), (&bounded, 2), (&free, 2), (&bounded, 2)] {
-            problem.set_stage(0, stage).unwrap();
-            solver.solve(&problem, Start::Cold, &mut solution).unwrap();
-            assert_eq!(solver.builds(), builds);
-        }
     }
 }
