@@ -3,6 +3,7 @@
 mod certificate;
 mod constraints;
 mod error;
+mod lagrangian;
 mod multipliers;
 mod problem;
 mod residuals;
@@ -14,8 +15,11 @@ mod terminal;
 mod validation;
 
 pub mod conic;
+pub mod problems;
 
-pub use certificate::{Blame, BlameEntry, InfeasibilityCertificate, examine_certificate};
+pub use certificate::{
+    Blame, BlameEntry, InfeasibilityCertificate, cancel_opposite_multipliers, examine_certificate,
+};
 pub use conic::ClarabelSolver;
 pub use error::{Place, ProblemError, SolveError};
 pub use multipliers::{
