@@ -8,6 +8,8 @@ mod chart;
 #[cfg(test)]
 mod controllability;
 #[cfg(test)]
+mod curves;
+#[cfg(test)]
 mod effects;
 #[cfg(test)]
 mod finite_difference;
