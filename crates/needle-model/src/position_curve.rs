@@ -21,6 +21,9 @@ const GAUSS: [(f64, f64); 5] = [
     (0.953_089_922_969_332, 0.118_463_442_528_094_54),
 ];
 
+/// Curvature below which a curve has no direction of bending, 1/mm.
+const STRAIGHT_PER_MM: f64 = 1e-9;
+
 /// Why positions make no curve.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum PositionCurveError {
@@ -151,6 +154,24 @@ impl PositionCurve {
             tangent,
             curvature_per_mm: (second - tangent * second.dot(&tangent)) / (speed * speed),
         }
+    }
+
+    /// Torsion at an arc length, 1/mm: how fast the direction of bending turns about the tangent. A
+    /// needle of the curve's curvature has to turn at omega = torsion v. By central differences of the
+    /// curvature over the mean knot spacing, second order; `None` where the curve bends
+    /// by less than 1e-9 per mm and the direction is rounding.
+    #[must_use]
+    pub fn torsion_per_mm(&self, arc_length_mm: f64) -> Option<f64> {
+        let spacing_mm = self.length_mm() / (self.knots_mm.len() - 1) as f64;
+        let middle_mm = arc_length_mm
+            .max(spacing_mm)
+            .min(self.length_mm() - spacing_mm);
+        let here = self.at(middle_mm);
+        let k = here.curvature_per_mm;
+        let change = self.at(middle_mm + spacing_mm).curvature_per_mm
+            - self.at(middle_mm - spacing_mm).curvature_per_mm;
+        let torsion = here.tangent.dot(&k.cross(&change)) / (2.0 * spacing_mm * k.norm_squared());
+        (k.norm() > STRAIGHT_PER_MM && torsion.is_finite()).then_some(torsion)
     }
 
     fn width(&self, segment: usize) -> f64 {

@@ -57,3 +57,23 @@ fn smoothing_recovers_the_curvature_of_noisy_positions() {
         middle_error(3.0)
     );
 }
+
+#[test]
+fn the_torsion_of_an_executed_path_is_omega_over_v() {
+    let input = Input {
+        v_mm_s: 5.0,
+        omega_rad_s: -0.7,
+    };
+    let needle = Needle::new(KAPPA_PER_MM).unwrap();
+    let path = ReferencePath::from_inputs(needle, Pose::identity(), vec![input; 60], 0.1).unwrap();
+    let points: Vec<_> = path.poses().iter().map(|p| p.position_mm).collect();
+    let curve = PositionCurve::through(&points, 0.0).unwrap();
+    for s_mm in [0.0, 7.3, 15.0, 30.0] {
+        let torsion = curve.torsion_per_mm(s_mm).unwrap();
+        // Central differences over 0.5 mm: (torsion h)^2 / 6 = 8e-4, and the spline's own error.
+        assert!((torsion + 0.14).abs() < 0.14 * 5e-3, "{s_mm} {torsion}");
+    }
+    let line: Vec<_> = (0..9).map(|i| Vector3::z() * f64::from(i)).collect();
+    let straight = PositionCurve::through(&line, 0.0).unwrap();
+    assert_eq!(straight.torsion_per_mm(4.0), None);
+}
