@@ -23,3 +23,5 @@ mod paths;
 mod positions;
 #[cfg(test)]
 mod printed;
+#[cfg(test)]
+mod robustness;
