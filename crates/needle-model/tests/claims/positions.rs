@@ -235,18 +235,10 @@ fn a_path_too_sharp_for_the_needle_says_where_and_gets_a_closest_path() {
         "{e:?}"
     );
     assert!((e.excess_per_mm - (e.curvature_per_mm - KAPPA_PER_MM)).abs() < 1e-15);
-    let guess = problem.initial_guess();
-    let rolled =
-        ReferencePath::from_inputs(needle(), guess.poses()[0], guess.inputs().to_vec(), 0.1)
-            .unwrap();
-    let open_loop_mm = worst_distance(&rolled, guess);
     let (deviation_mm, path) = solved(&problem, 40);
     // Turning 0.133 rad at curvature kappa in place of 2 kappa cuts the corner by
     // (150 - 75) 0.133^2 / 8 = 0.17 mm; the best path shares that between both sides of the curve.
-    assert!(
-        deviation_mm > 0.08 && deviation_mm < 0.25,
-        "{deviation_mm} {open_loop_mm}"
-    );
+    assert!(deviation_mm > 0.08 && deviation_mm < 0.25, "{deviation_mm}");
     assert!(
         path.inputs()
             .iter()
