@@ -15,6 +15,7 @@ mod terminal;
 mod validation;
 
 pub mod conic;
+pub mod problems;
 
 pub use certificate::{Blame, BlameEntry, InfeasibilityCertificate, examine_certificate};
 pub use conic::ClarabelSolver;
