@@ -25,6 +25,8 @@ pub(super) struct Lane {
     pub(super) dz: [f64; 4],
     pub(super) inv: [f64; 4],
     pub(super) w: [f64; 4],
+    /// Place in the active-set guess, see `active`.
+    pub(super) place: [f64; 4],
     pub(super) target: [f64; 4],
 }
 
@@ -40,6 +42,7 @@ impl Lane {
         dz: [0.0; 4],
         inv: [1.0; 4],
         w: [0.0; 4],
+        place: [0.0; 4],
         target: [0.0; 4],
     };
 }

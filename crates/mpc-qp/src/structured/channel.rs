@@ -41,8 +41,16 @@ pub(super) struct Channel {
     pub(super) price: Price,
     /// Components with coinciding bounds.
     pub(super) fixed: Vec<Fixed>,
+    kept_v: Vec<[f64; 4]>,
+    kept: [Vec<Lane>; 2],
+    kept_y: Vec<f64>,
     /// Weight of the fixed components.
     pub(super) omega: f64,
+}
+
+/// Distance of the two bounds, or the size of the only one.
+fn width(lane: &Lane, opposite: &Lane, i: usize) -> f64 {
+    if opposite.on[i] != 0.0 { lane.bound[i] + opposite.bound[i] } else { 1.0 + lane.bound[i].abs() }
 }
 
 const SIGN: [f64; 2] = [-1.0, 1.0];
@@ -58,7 +66,10 @@ impl Channel {
             v: zeros.clone(),
             dv: zeros.clone(),
             weight: zeros.clone(),
-            force: zeros,
+            force: zeros.clone(),
+            kept_v: zeros,
+            kept: [vec![Lane::OFF; lanes], vec![Lane::OFF; lanes]],
+            kept_y: Vec::with_capacity(len),
             sides: [vec![Lane::OFF; lanes], vec![Lane::OFF; lanes]],
             slacks: [slacks.clone(), slacks],
             used: [false; 2],
@@ -129,7 +140,7 @@ impl Channel {
         self.hold(true);
     }
 
-    fn hold(&mut self, with_weight: bool) {
+    pub(super) fn hold(&mut self, with_weight: bool) {
         for fixed in &self.fixed {
             let (lane, i) = (fixed.index / 4, fixed.index % 4);
             if with_weight {
@@ -215,6 +226,70 @@ impl Channel {
         gap
     }
 
+    /// Guesses from an interior-point iterate: held where the multiplier outweighs the slack.
+    pub(super) fn guess_from_iterate(&mut self) {
+        for side in 0..2 {
+            if !self.used[side] {
+                continue;
+            }
+            for (l, lane) in self.sides[side].iter_mut().enumerate() {
+                for i in 0..4 {
+                    // Compare the relative changes that complementarity forces on each: scale-free.
+                    let held = lane.on[i] != 0.0 && lane.ds[i] * lane.z[i] < lane.dz[i] * lane.s[i];
+                    lane.place[i] = match self.price {
+                        _ if !held => 0.0,
+                        Price::Hard => 1.0,
+                        Price::Quadratic(_) => 2.0,
+                        Price::Exact(_) => {
+                            let slack = &self.slacks[side][l];
+                            if slack.e[i] * lane.z[i] > lane.s[i].max(1e-12) * slack.nu[i] { 2.0 } else { 1.0 }
+                        }
+                    };
+                    if !held {
+                        lane.z[i] = 0.0;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Keeps values, multipliers and slacks, to come back to them.
+    pub(super) fn save(&mut self) {
+        self.kept_v.copy_from_slice(&self.v);
+        for side in 0..2 {
+            if self.used[side] {
+                self.kept[side].copy_from_slice(&self.sides[side]);
+            }
+        }
+        self.kept_y.clear();
+        self.kept_y.extend(self.fixed.iter().map(|fixed| fixed.y));
+    }
+
+    /// Comes back to what was kept.
+    pub(super) fn restore(&mut self) {
+        self.v.copy_from_slice(&self.kept_v);
+        for side in 0..2 {
+            if self.used[side] {
+                self.sides[side].copy_from_slice(&self.kept[side]);
+            }
+        }
+        for (fixed, y) in self.fixed.iter_mut().zip(&self.kept_y) {
+            fixed.y = *y;
+        }
+    }
+
+    /// Slacks of soft bounds from the values, after an active-set answer.
+    pub(super) fn finish_soft(&mut self) {
+        for side in 0..2 {
+            for (l, slack) in self.slacks[side].iter_mut().enumerate() {
+                let lane = &self.sides[side][l];
+                for i in 0..4 {
+                    slack.e[i] = (SIGN[side] * self.v[l][i] - lane.bound[i]).max(0.0) * lane.on[i];
+                }
+            }
+        }
+    }
+
     /// Forces of the present multipliers.
     pub(super) fn present(&mut self) {
         self.force.fill([0.0; 4]);
@@ -266,11 +341,11 @@ impl Channel {
                     let v = self.v[l][i];
                     let lane = &mut self.sides[side][l];
                     if lane.on[i] == 0.0 {
+                        (lane.s[i], lane.z[i], lane.r[i]) = (1.0, 1.0, 0.0);
                         continue;
                     }
-                    let width = if opposite.on[i] != 0.0 { lane.bound[i] + opposite.bound[i] } else { 1.0 + lane.bound[i].abs() };
                     let slack = lane.bound[i] - SIGN[side] * v;
-                    lane.s[i] = slack.max(least * width).max(1e-8);
+                    lane.s[i] = slack.max(least * width(lane, &opposite, i)).max(1e-8);
                     lane.z[i] = mu / lane.s[i];
                     lane.r[i] = lane.s[i] - slack;
                 }
@@ -279,6 +354,24 @@ impl Channel {
                 soft::enter(&mut self.sides[side], &mut self.slacks[side], self.price);
             }
         }
+    }
+
+    /// Sum of multiplier times width over the positive multipliers, and their number: the size of the products to start from.
+    pub(super) fn product_scale(&self) -> (f64, f64) {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for side in 0..2 {
+            if self.used[side] {
+                for (lane, opposite) in self.sides[side].iter().zip(&self.sides[1 - side]) {
+                    for i in 0..4 {
+                        if lane.place[i] > 0.0 && lane.z[i] > 0.0 {
+                            sum += lane.z[i] * width(lane, opposite, i);
+                            count += 1.0;
+                        }
+                    }
+                }
+            }
+        }
+        (sum, count)
     }
 
     /// Largest residual of the fixed components.

@@ -6,6 +6,7 @@
 //! dz = W^-1 xi - W^-2 ds. A soft set adds the unknown e, eliminated through de = kappa dz_0 + beta:
 //! kappa = beta = 0 (hard), 1 / rho and 0 (quadratic price), e / nu and target / nu - e (exact price).
 
+use super::active::Verdict;
 use super::bounds::Reach;
 use super::kernel::{Lanes, add_product, dot, larger};
 use super::soft::Price;
@@ -95,6 +96,11 @@ pub(super) struct Cone<const NX: usize> {
     beta: f64,
     theta: f64,
     aim: Point<NX>,
+    /// Whether the active-set guess has the boundary as an equality.
+    pub(super) held: bool,
+    gradient: [f64; NX],
+    excess: f64,
+    omega: f64,
 }
 
 impl<const NX: usize> Cone<NX> {
@@ -134,6 +140,10 @@ impl<const NX: usize> Cone<NX> {
             beta: 0.0,
             theta: 0.0,
             aim: Point::ZERO,
+            held: false,
+            gradient: [0.0; NX],
+            excess: 0.0,
+            omega: 0.0,
         }
     }
 
@@ -316,6 +326,57 @@ impl<const NX: usize> Cone<NX> {
     /// True if slack and multiplier are strictly inside.
     pub(super) fn inside(&self) -> bool {
         self.s.depth() > 0.0 && self.z.depth() > 0.0
+    }
+
+    /// Active-set sweep: the boundary as f = (|M (x - center)|^2 - 1) / 2 = 0 with multiplier z.head, linearised at x.
+    #[inline(always)]
+    pub(super) fn hold<L: Lanes>(&mut self, lanes: L, x: &[f64; NX], omega: f64, xx: Option<&mut [[f64; NX]; NX]>, gx: &mut [f64; NX]) {
+        let offset = self.offset(x);
+        self.gradient = add_product(lanes, &self.m, &offset, &[0.0; NX]);
+        self.excess = 0.5 * (dot(lanes, &offset, &offset) - 1.0);
+        if !self.held {
+            return;
+        }
+        let eta = self.z.head;
+        if let Some(xx) = xx {
+            self.omega = omega / dot(lanes, &self.gradient, &self.gradient).max(1e-30);
+            for j in 0..NX {
+                let column = self.columns[j].map(|entry| eta * entry);
+                xx[j] = add_product(lanes, &self.m, &column, &xx[j]);
+                xx[j] = add_product(lanes, &[self.gradient], &[self.omega * self.gradient[j]], &xx[j]);
+            }
+        }
+        *gx = add_product(lanes, &[self.gradient], &[eta + self.omega * self.excess], gx);
+    }
+
+    /// Guesses from a multiplier's first component, in the problem's units.
+    pub(super) fn guess(&mut self, multiplier: f64) {
+        self.z.head = multiplier.max(0.0) * self.radius;
+        self.held = self.z.head > 0.0;
+    }
+
+    /// Judges the active-set guess after the step `dx` to `x`; a guess whose linearisation was too coarse is wrong too.
+    pub(super) fn settle(&mut self, x: &[f64; NX], dx: &[f64; NX]) -> Verdict {
+        let linear = self.excess + self.gradient.iter().zip(dx).map(|(g, d)| g * d).sum::<f64>();
+        let offset = self.offset(x);
+        let after = 0.5 * (offset.iter().map(|t| t * t).sum::<f64>() - 1.0);
+        let mut verdict = Verdict { changes: 0, distance: 0.0 };
+        if self.held {
+            let eta = self.z.head + self.omega * linear;
+            let drift = (eta - self.z.head).abs() * self.gradient.iter().map(|g| g.abs()).fold(0.0, f64::max);
+            let move_sizes = (after - linear).abs().sqrt();
+            self.held = eta > 0.0;
+            let rough = (after - linear).abs() > 1e-11 || drift * move_sizes > 1e-9;
+            verdict.changes = usize::from(!self.held || rough);
+            verdict.distance = linear.abs();
+            self.z.head = eta.max(0.0);
+        } else {
+            self.z.head = 0.0;
+            self.held = after > 1e-12;
+            verdict.changes = usize::from(self.held);
+        }
+        self.z.tail = offset.map(|t| -self.z.head * t);
+        verdict
     }
 
     /// The multiplier in the problem's units: (radius, offset).

@@ -55,6 +55,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             rows: Channel::new(row_count, price(softening.rows)),
             terminal: Channel::new(faces, price(softening.terminal_set)),
             cone: None,
+            curvature: 1.0,
             gains: vec![Gain::ZERO; n],
             feedforward: vec![[0.0; NU]; n],
             gradient: vec![([0.0; NX], [0.0; NU]); n],

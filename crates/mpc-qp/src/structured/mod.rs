@@ -1,13 +1,22 @@
-//! Structured interior point: Mehrotra's predictor-corrector on the stage structure.
+//! Structured interior point with an active-set path, on memory allocated once.
+//!
+//! See `docs/solver.md` for the derivation. A solve tries active-set sweeps first (`active`): from the last answer if there is one,
+//! else from the unconstrained solution. Where they do not settle, Mehrotra's predictor-corrector (`interior`) takes over
+//! and hands its guess of the active set back as soon as it has one. Every answer is checked against the optimality
+//! conditions before it is called solved.
 
+mod active;
 mod bounds;
 mod channel;
 mod cone;
+mod interior;
 mod kernel;
 mod load;
 mod newton;
+mod read;
 mod riccati;
 mod soft;
+mod sweeps;
 mod write;
 
 use crate::error::SolveError;
@@ -16,7 +25,7 @@ use crate::residuals::Residuals;
 use crate::solution::{Solution, SolveStatus};
 use crate::solver::{OcpSolver, SolverSettings, Start};
 use kernel::{Lanes, Phase, run};
-use newton::{Advance, Backward, Costates, Factorise, Forward, Newton, SolveAbsolute, Weigh};
+use newton::{Costates, Newton};
 use std::time::Instant;
 
 /// Structured interior-point solver.
@@ -24,6 +33,9 @@ use std::time::Instant;
 pub struct StructuredSolver<const NX: usize, const NU: usize> {
     settings: SolverSettings,
     newton: Newton<NX, NU>,
+    costates: Vec<nalgebra::SVector<f64, NX>>,
+    started: Instant,
+    iterations: usize,
 }
 
 struct Load<'a, const NX: usize, const NU: usize>(&'a mut Newton<NX, NU>, &'a OcpQp<NX, NU>);
@@ -38,73 +50,34 @@ impl<const NX: usize, const NU: usize> Phase for Load<'_, NX, NU> {
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     /// Memory for problems of the structure of `problem`.
+    ///
+    /// # Errors
+    /// [`SolveError::Setting`] for settings outside their ranges.
     pub fn new(problem: &OcpQp<NX, NU>, settings: SolverSettings) -> Result<Self, SolveError> {
         settings.validate()?;
-        Ok(Self { settings, newton: Newton::new(problem) })
+        Ok(Self {
+            settings,
+            newton: Newton::new(problem),
+            costates: vec![nalgebra::SVector::zeros(); problem.horizon()],
+            started: Instant::now(),
+            iterations: 0,
+        })
     }
 
-    fn start(&mut self) -> (f64, f64) {
-        let rho: f64 = std::env::var("RHO").ok().and_then(|v| v.parse().ok()).unwrap_or(1e-3);
-        let least: f64 = std::env::var("LEAST").ok().and_then(|v| v.parse().ok()).unwrap_or(0.1);
-        let mu0: f64 = std::env::var("MU0").ok().and_then(|v| v.parse().ok()).unwrap_or(1.0);
-        let omega = 1e8;
-        for channel in self.newton.channels() {
-            channel.omega = omega;
-            channel.center(rho);
-        }
-        run(SolveAbsolute(&mut self.newton));
-        
-        let mut count = 0.0;
-        let mu = mu0;
-        for channel in self.newton.channels() {
-            channel.enter(least, mu);
-            count += channel.count();
-        }
-        let x = *self.newton.x(self.newton.n);
-        if let Some(cone) = &mut self.newton.cone {
-            cone.start(&x, mu);
-            count += cone.count();
-        }
-        (mu, count)
+    /// The limits in force.
+    #[must_use]
+    pub fn settings(&self) -> &SolverSettings {
+        &self.settings
     }
 
-    fn iterate(&mut self, trace: bool) -> (SolveStatus, usize) {
-        let (mut mu, count) = self.start();
-        let newton = &mut self.newton;
-        let mut infeasible = 1.0;
-        for iteration in 0..self.settings.max_iterations {
-            let fixed = newton.channels().iter().map(|c| c.fixed_residual()).fold(0.0, f64::max);
-            if trace {
-                println!("{iteration:3} mu {mu:.2e} infeasible {infeasible:.2e} fixed {fixed:.2e}");
-            }
-            if mu * count.max(1.0) < 0.1 * self.settings.tolerance && infeasible < 0.1 * self.settings.tolerance && iteration > 0 {
-                return (SolveStatus::Solved, iteration);
-            }
-            run(Weigh(newton));
-            run(Factorise(newton));
-            let reach = run(Forward { newton, affine: true });
-            let alpha = 1.0 / reach.ratio.max(1.0);
-            let mut target = 0.0;
-            if count > 0.0 {
-                let affine = (1.0 - alpha) * mu + alpha * alpha * reach.product / count;
-                let sigma = (affine / mu).clamp(0.0, 1.0).powi(3);
-                target = sigma * mu;
-                run(Backward { newton, target_mu: target });
-                let reach = run(Forward { newton, affine: false });
-                let fraction = 1.0 - (0.1_f64).min(mu.max(1e-4)).min(0.005);
-                let step = (fraction / reach.ratio.max(1e-300)).min(1.0);
-                infeasible *= 1.0 - step;
-                mu = run(Advance { newton, alpha: step }) / count;
-                if trace {
-                    println!("      alpha_aff {alpha:.3} sigma {sigma:.1e} step {step:.4}");
-                }
-            } else {
-                run(Advance { newton, alpha: 1.0 });
-                infeasible = 0.0;
-            }
-            let _ = target;
-        }
-        (SolveStatus::IterationLimit, self.settings.max_iterations)
+    fn out_of_time(&self) -> bool {
+        self.settings.time_limit.is_some_and(|limit| self.started.elapsed() >= limit)
+    }
+
+    /// Computes the costates; true if stationarity holds to `tolerance`.
+    fn stationary(&mut self, tolerance: f64) -> bool {
+        let (residual, scale) = run(Costates { newton: &mut self.newton, costates: &mut self.costates });
+        residual <= tolerance * scale
     }
 }
 
@@ -112,18 +85,24 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
     fn solve(
         &mut self,
         problem: &OcpQp<NX, NU>,
-        _start: Start,
+        start: Start,
         solution: &mut Solution<NX, NU>,
     ) -> Result<(), SolveError> {
-        let clock = Instant::now();
+        self.started = Instant::now();
+        self.iterations = 0;
         self.newton.check_shape(problem)?;
+        solution.check_shape(problem)?;
         run(Load(&mut self.newton, problem));
-        let (status, iterations) = self.iterate(std::env::var("TRACE").is_ok());
+        let settled = match start {
+            Start::Warm => self.warm_sweeps(solution),
+            Start::Cold => false,
+        };
+        let status = if settled || self.cold_sweeps() { SolveStatus::Solved } else { self.interior_point() };
         self.newton.write(solution);
-        run(Costates { newton: &mut self.newton, costates: &mut solution.multipliers.costates });
+        solution.multipliers.costates.copy_from_slice(&self.costates);
         solution.status = status;
-        solution.iterations = iterations;
-        solution.time = clock.elapsed();
+        solution.iterations = self.iterations;
+        solution.time = self.started.elapsed();
         solution.residuals = Residuals::evaluate(problem, solution);
         solution.objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
         Ok(())

@@ -4,10 +4,11 @@
 //! homogeneous. Costates are not iterated: each solve yields them afresh, and the gradient is evaluated at the present point
 //! in every iteration, so rounding in one step is corrected by the next, like iterative refinement.
 
+use super::active::Verdict;
 use super::bounds::Reach;
 use super::channel::Channel;
 use super::cone::Cone;
-use super::kernel::{Lanes, Phase, add_product, dot};
+use super::kernel::{Lanes, Phase, add_product, dot, larger};
 use super::riccati::{Curvature, Gain, Stage, Value, backward, eliminate, forward};
 
 /// A general row's coefficients.
@@ -52,6 +53,8 @@ pub(super) struct Newton<const NX: usize, const NU: usize> {
     pub(super) terminal: Channel,
     /// Terminal ellipsoid.
     pub(super) cone: Option<Cone<NX>>,
+    /// Largest curvature of the cost to go in an input, the unit of the weights that hold bounds.
+    pub(super) curvature: f64,
     /// Factorised stages.
     pub(super) gains: Vec<Gain<NX, NU>>,
     /// Feedforward inputs of the last backward pass.
@@ -77,6 +80,17 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     /// All channels.
     pub(super) fn channels(&mut self) -> [&mut Channel; 5] {
         [&mut self.inputs, &mut self.rates, &mut self.states, &mut self.rows, &mut self.terminal]
+    }
+
+    /// Reads the curvature off the factorisation of the problem without bounds.
+    pub(super) fn measure_curvature(&mut self) {
+        let mut largest = 0.0;
+        for gain in &self.gains {
+            for i in 0..NU {
+                largest = larger(largest, if gain.inverse[i][i] > 0.0 { 1.0 / gain.inverse[i][i] } else { 0.0 });
+            }
+        }
+        self.curvature = if largest > 1e-12 && largest < 1e12 { largest } else { 1.0 };
     }
 
     /// State at k, from 0 to N.
@@ -197,19 +211,28 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     }
 }
 
-/// Factorises the system and does the backward pass for the predictor's gradient.
-pub(super) struct Factorise<'a, const NX: usize, const NU: usize>(pub(super) &'a mut Newton<NX, NU>);
+/// Factorises the system and does the backward pass for the channels' present forces.
+pub(super) struct Factorise<'a, const NX: usize, const NU: usize> {
+    /// The system.
+    pub(super) newton: &'a mut Newton<NX, NU>,
+    /// Weight of the held cone in an active-set sweep; none for the interior point's scaling.
+    pub(super) omega: Option<f64>,
+}
 
 impl<const NX: usize, const NU: usize> Phase for Factorise<'_, NX, NU> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
-        let newton = self.0;
+        let newton = self.newton;
         let mut costate = ([0.0; NX], [0.0; NU]);
-        newton.terminal_gradient = add_product(lanes, &newton.p, newton.x(newton.n), &newton.pv);
+        let x = *newton.x(newton.n);
+        newton.terminal_gradient = add_product(lanes, &newton.p, &x, &newton.pv);
         let mut value = newton.terminal_value(lanes, &mut costate.0);
         if let Some(cone) = &mut newton.cone {
-            cone.weigh(lanes, &mut value.xx, &mut costate.0);
+            match self.omega {
+                None => cone.weigh(lanes, &mut value.xx, &mut costate.0),
+                Some(omega) => cone.hold(lanes, &x, omega, Some(&mut value.xx), &mut costate.0),
+            }
         }
         for k in (0..newton.n).rev() {
             let (gx, gu) = newton.cost_gradient(lanes, k);
@@ -221,6 +244,24 @@ impl<const NX: usize, const NU: usize> Phase for Factorise<'_, NX, NU> {
 }
 
 impl<const NX: usize, const NU: usize> Newton<NX, NU> {
+    /// Forward pass: the steps of all values.
+    #[inline(always)]
+    fn roll<L: Lanes>(&mut self, lanes: L) {
+        let mut dx = [0.0; NX];
+        let mut dp = [0.0; NU];
+        for k in 0..self.n {
+            let du = forward(lanes, &self.stages[k], &self.gains[k], &self.feedforward[k], &mut dx, &dp);
+            *at_mut(&mut self.states.dv, k) = dx;
+            *at_mut(&mut self.inputs.dv, k) = du;
+            let rate: &mut [f64; NU] = at_mut(&mut self.rates.dv, k);
+            for i in 0..NU {
+                rate[i] = du[i] - dp[i];
+            }
+            dp = du;
+        }
+        self.spread(lanes, true);
+    }
+
     #[inline(always)]
     fn eliminate_stage<L: Lanes>(&mut self, lanes: L, k: usize, value: &mut Value<NX, NU>) {
         let stage = &self.stages[k];
@@ -310,19 +351,7 @@ impl<const NX: usize, const NU: usize> Phase for Forward<'_, NX, NU> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Reach {
         let newton = self.newton;
-        let mut dx = [0.0; NX];
-        let mut dp = [0.0; NU];
-        for k in 0..newton.n {
-            let du = forward(lanes, &newton.stages[k], &newton.gains[k], &newton.feedforward[k], &mut dx, &dp);
-            *at_mut(&mut newton.states.dv, k) = dx;
-            *at_mut(&mut newton.inputs.dv, k) = du;
-            let rate: &mut [f64; NU] = at_mut(&mut newton.rates.dv, k);
-            for i in 0..NU {
-                rate[i] = du[i] - dp[i];
-            }
-            dp = du;
-        }
-        newton.spread(lanes, true);
+        newton.roll(lanes);
         let mut reach = Reach::FREE;
         for channel in newton.channels() {
             if channel.any() {
@@ -330,9 +359,65 @@ impl<const NX: usize, const NU: usize> Phase for Forward<'_, NX, NU> {
             }
         }
         if let Some(cone) = &mut newton.cone {
-            reach = reach.and(cone.direction(lanes, &dx));
+            reach = reach.and(cone.direction(lanes, at(&newton.states.dv, newton.n - 1)));
         }
         reach
+    }
+}
+
+/// Weights and forces of the active-set guess.
+pub(super) struct HoldActive<'a, const NX: usize, const NU: usize>(pub(super) &'a mut Newton<NX, NU>);
+
+impl<const NX: usize, const NU: usize> Phase for HoldActive<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        for channel in self.0.channels() {
+            if channel.any() {
+                channel.hold_active(lanes);
+            }
+        }
+    }
+}
+
+/// Backward pass of an active-set sweep for the present forces at the present point, with the factorisation at hand.
+pub(super) struct Resolve<'a, const NX: usize, const NU: usize>(pub(super) &'a mut Newton<NX, NU>);
+
+impl<const NX: usize, const NU: usize> Phase for Resolve<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let newton = self.0;
+        let x = *newton.x(newton.n);
+        newton.terminal_gradient = add_product(lanes, &newton.p, &x, &newton.pv);
+        let mut costate = (newton.terminal_force(lanes), [0.0; NU]);
+        if let Some(cone) = &mut newton.cone {
+            cone.hold(lanes, &x, 0.0, None, &mut costate.0);
+        }
+        for k in (0..newton.n).rev() {
+            let (gx, gu) = newton.cost_gradient(lanes, k);
+            newton.backward_stage(lanes, k, gx, gu, &mut costate);
+        }
+    }
+}
+
+/// Forward pass that moves the values by the full step and judges the active-set guess.
+pub(super) struct Settle<'a, const NX: usize, const NU: usize>(pub(super) &'a mut Newton<NX, NU>);
+
+impl<const NX: usize, const NU: usize> Phase for Settle<'_, NX, NU> {
+    type Output = Verdict;
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Verdict {
+        let newton = self.0;
+        newton.roll(lanes);
+        let mut verdict = Verdict::default();
+        for channel in newton.channels() {
+            verdict = verdict.and(channel.settle(lanes));
+        }
+        if let Some(cone) = &mut newton.cone {
+            verdict = verdict.and(cone.settle(at(&newton.states.v, newton.n - 1), at(&newton.states.dv, newton.n - 1)));
+        }
+        verdict
     }
 }
 
@@ -363,10 +448,12 @@ pub(super) struct Costates<'a, const NX: usize, const NU: usize> {
 }
 
 impl<const NX: usize, const NU: usize> Phase for Costates<'_, NX, NU> {
-    type Output = ();
+    /// Largest input residual, and the largest term that it should have cancelled.
+    type Output = (f64, f64);
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
+    fn run<L: Lanes>(self, lanes: L) -> (f64, f64) {
         let newton = self.newton;
+        let (mut residual, mut scale) = (0.0, 1.0);
         for channel in newton.channels() {
             if channel.any() {
                 channel.present();
@@ -381,9 +468,18 @@ impl<const NX: usize, const NU: usize> Phase for Costates<'_, NX, NU> {
         }
         for k in (0..newton.n).rev() {
             self.costates[k] = costate.0.into();
-            let (gx, gu) = newton.cost_gradient(lanes, k);
-            newton.backward_stage(lanes, k, gx, gu, &mut costate);
+            let (mut gx, mut gu) = newton.cost_gradient(lanes, k);
+            newton.forces(lanes, k, &mut gx, &mut gu);
+            let gr: &[f64; NU] = at(&newton.rates.force, k);
+            let next: [f64; NU] = if k + 1 < newton.n { *at(&newton.rates.force, k + 1) } else { [0.0; NU] };
+            let pull = add_product(lanes, &newton.stages[k].bt, &costate.0, &[0.0; NU]);
+            for i in 0..NU {
+                residual = larger(residual, (gu[i] + gr[i] - next[i] + pull[i]).abs());
+                scale = larger(scale, larger(gu[i].abs(), larger(pull[i].abs(), gr[i].abs())));
+            }
+            newton.feedforward[k] = backward(lanes, &newton.stages[k], &newton.gains[k], (&gx, &gu, gr), &mut costate);
         }
+        (residual, scale)
     }
 }
 

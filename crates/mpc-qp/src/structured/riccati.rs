@@ -98,17 +98,17 @@ pub(super) struct Curvature<'a, const NX: usize, const NU: usize> {
     pub(super) rate_weight: [f64; NU],
 }
 
-/// Inverse of a symmetric positive definite matrix by L D L'; pivots below `floor` are lifted to it.
+/// Inverse of a symmetric positive definite matrix by L D L'; a direction without
+/// curvature (pivot below rounding of its diagonal entry) gets inverse zero: it is left where it is.
 #[inline(always)]
-pub(super) fn inverse<L: Lanes, const NU: usize>(lanes: L, m: &[[f64; NU]; NU], floor: f64) -> [[f64; NU]; NU] {
+pub(super) fn inverse<L: Lanes, const NU: usize>(lanes: L, m: &[[f64; NU]; NU]) -> [[f64; NU]; NU] {
     // t[j] is column j of L^-1, built along with the elimination.
     let mut work = *m;
     let mut t = [[0.0; NU]; NU];
     let mut reciprocal = [0.0; NU];
     for j in 0..NU {
         t[j][j] = 1.0;
-        let pivot = if work[j][j] > floor { work[j][j] } else { floor };
-        reciprocal[j] = 1.0 / pivot;
+        reciprocal[j] = if work[j][j] > 1e-14 * m[j][j] { 1.0 / work[j][j] } else { 0.0 };
         for i in j + 1..NU {
             let factor = work[j][i] * reciprocal[j];
             for k in i..NU {
@@ -176,7 +176,7 @@ pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
     for j in 0..NU {
         total[j][j] += cost.rate_weight[j];
     }
-    let inv = inverse(lanes, &total, 1e-280);
+    let inv = inverse(lanes, &total);
     let mut kx = [[0.0; NX]; NU];
     for i in 0..NU {
         kx[i] = add_product(lanes, &hxu, &inv[i], &[0.0; NX]);
