@@ -355,6 +355,14 @@ impl<const NX: usize> Cone<NX> {
         self.held = self.z.head > 0.0;
     }
 
+    /// Guesses from an interior-point iterate: held where the slack shrinks faster than the multiplier.
+    pub(super) fn guess_from_iterate(&mut self) {
+        self.held = self.s.depth() * self.z.head < self.z.depth().max(self.s.depth()) * self.s.head && self.z.head > self.s.depth();
+        if !self.held {
+            self.z.head = 0.0;
+        }
+    }
+
     /// Judges the active-set guess after the step `dx` to `x`; a guess whose linearisation was too coarse is wrong too.
     pub(super) fn settle(&mut self, x: &[f64; NX], dx: &[f64; NX]) -> Verdict {
         let linear = self.excess + self.gradient.iter().zip(dx).map(|(g, d)| g * d).sum::<f64>();

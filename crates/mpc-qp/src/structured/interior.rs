@@ -41,6 +41,29 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         (mu, count)
     }
 
+    /// Active-set sweeps from the iterate's guess; comes back to the iterate if they do not settle.
+    fn finish(&mut self, sweeps: usize) -> bool {
+        if !self.sweepable() {
+            return false;
+        }
+        for channel in self.newton.channels() {
+            channel.save();
+            channel.guess_from_iterate();
+        }
+        let kept = self.newton.cone.clone();
+        if let Some(cone) = &mut self.newton.cone {
+            cone.guess_from_iterate();
+        }
+        if self.sweep(sweeps) {
+            return true;
+        }
+        for channel in self.newton.channels() {
+            channel.restore();
+        }
+        self.newton.cone = kept;
+        false
+    }
+
     /// The interior point.
     pub(super) fn interior_point(&mut self) -> SolveStatus {
         let (mut mu, count) = self.start_interior();
@@ -69,6 +92,11 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             if !mu.is_finite() {
                 return SolveStatus::NumericalTrouble;
             }
+            if std::env::var("TRACE").is_ok() { println!("{:3} mu {mu:.2e} inf {infeasible:.2e} alpha {alpha:.3} sigma {sigma:.1e} step {step:.4} curv {:.1e}", self.iterations, newton.curvature); }
+            if step > 0.5 && sigma < 0.1 && infeasible < 1e-3 && self.finish(2) {
+                return SolveStatus::Solved;
+            }
+            let newton = &mut self.newton;
             let fixed = newton.channels().iter().map(|channel| channel.fixed_residual()).fold(0.0, f64::max);
             if mu * count < 0.1 * tolerance && infeasible < 0.1 * tolerance && fixed < 0.1 * tolerance && self.stationary(tolerance) {
                 return SolveStatus::Solved;

@@ -19,7 +19,7 @@ const COLD_SWEEPS: usize = 6;
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     /// Whether active-set sweeps can treat the problem: all but a soft ellipsoid.
-    fn sweepable(&self) -> bool {
+    pub(super) fn sweepable(&self) -> bool {
         self.newton.cone.as_ref().is_none_or(|cone| cone.price == Price::Hard)
     }
 
