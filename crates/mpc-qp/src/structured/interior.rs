@@ -24,7 +24,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let scale: f64 = if active > 0.0 { sum / active } else { self.newton.curvature };
         let mu = 0.1 * if scale.is_finite() { scale.clamp(1e-6, 1e12) } else { 1.0 };
         for channel in self.newton.channels() {
-            channel.omega = omega;
+            let _ = omega;
             channel.center(CENTERING * mu);
         }
         run(SolveAbsolute(&mut self.newton));

@@ -102,6 +102,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             self.states.bound((self.n - 1) * NX + i, terminal.x_min[i], terminal.x_max[i]);
         }
         self.load_terminal_set(problem);
+        self.measure_curvature();
     }
 
     #[inline(always)]

@@ -82,15 +82,17 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         [&mut self.inputs, &mut self.rates, &mut self.states, &mut self.rows, &mut self.terminal]
     }
 
-    /// Reads the curvature off the factorisation of the problem without bounds.
+    /// A typical curvature of the cost in an input: R plus what the next state's weight makes of B.
     pub(super) fn measure_curvature(&mut self) {
         let mut largest = 0.0;
-        for gain in &self.gains {
+        for (k, stage) in self.stages.iter().enumerate() {
+            let q = self.stages.get(k + 1).map_or(&self.p, |next| &next.q);
             for i in 0..NU {
-                largest = larger(largest, if gain.inverse[i][i] > 0.0 { 1.0 / gain.inverse[i][i] } else { 0.0 });
+                let through: f64 = (0..NX).map(|j| stage.b[i][j] * stage.b[i][j] * q[j][j]).sum();
+                largest = larger(largest, stage.r[i][i] + through);
             }
         }
-        self.curvature = if largest > 1e-12 && largest < 1e12 { largest } else { 1.0 };
+        self.curvature = if largest > 0.0 { largest } else { 1.0 };
     }
 
     /// State at k, from 0 to N.

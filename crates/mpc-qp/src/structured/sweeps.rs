@@ -9,7 +9,7 @@ use crate::solution::Solution;
 
 /// Weight that holds a bound, relative to the cost's curvature: large enough that each further solve gains six digits,
 /// small enough that the first loses none that matter.
-const OMEGA: f64 = 1e6;
+const OMEGA: f64 = 1e7;
 
 /// Sweeps of the warm path before the cold attempt.
 const WARM_SWEEPS: usize = 5;
@@ -40,12 +40,15 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     /// Sweeps from the bounds that the solution without bounds violates.
     pub(super) fn cold_sweeps(&mut self) -> bool {
         let omega = self.omega();
+        let stiff: f64 = std::env::var("STIFF").ok().and_then(|v| v.parse().ok()).unwrap_or(100.0);
         for channel in self.newton.channels() {
             channel.omega = omega;
+        }
+        self.newton.terminal.omega = stiff*omega;
+        for channel in self.newton.channels() {
             channel.center(0.0);
         }
         run(SolveAbsolute(&mut self.newton));
-        self.newton.measure_curvature();
         for channel in self.newton.channels() {
             channel.guess_from_values();
         }
@@ -65,16 +68,18 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let omega = self.omega();
         let tolerance = self.settings.tolerance;
         let mut fewest = usize::MAX;
+        let stiff: f64 = std::env::var("STIFF").ok().and_then(|v| v.parse().ok()).unwrap_or(100.0);
         for channel in self.newton.channels() {
             channel.omega = omega;
         }
+        self.newton.terminal.omega = stiff*omega;
         for sweep in 0..limit {
             self.iterations += 1;
             let newton = &mut self.newton;
             run(HoldActive(newton));
             run(Factorise { newton, omega: Some(omega) });
             let mut verdict = run(Settle(newton));
-            for _ in 0..3 {
+            for _ in 0..6 {
                 if verdict.changes > 0 || verdict.distance <= 0.01 * tolerance {
                     break;
                 }
