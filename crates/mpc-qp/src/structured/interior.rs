@@ -20,11 +20,9 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             sum += products;
             active += count;
         }
-        let omega = self.omega();
-        let scale: f64 = if active > 0.0 { sum / active } else { self.newton.curvature };
+        let scale: f64 = if active > 0.0 { sum / active } else { 1.0 };
         let mu = 0.1 * if scale.is_finite() { scale.clamp(1e-6, 1e12) } else { 1.0 };
         for channel in self.newton.channels() {
-            let _ = omega;
             channel.center(CENTERING * mu);
         }
         run(SolveAbsolute(&mut self.newton));
@@ -92,7 +90,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             if !mu.is_finite() {
                 return SolveStatus::NumericalTrouble;
             }
-            if std::env::var("TRACE").is_ok() { println!("{:3} mu {mu:.2e} inf {infeasible:.2e} alpha {alpha:.3} sigma {sigma:.1e} step {step:.4} curv {:.1e}", self.iterations, newton.curvature); }
+            if std::env::var("TRACE").is_ok() { println!("{:3} mu {mu:.2e} inf {infeasible:.2e} alpha {alpha:.3} sigma {sigma:.1e} step {step:.4}", self.iterations); }
             if step > 0.5 && sigma < 0.1 && infeasible < 1e-3 && self.finish(2) {
                 return SolveStatus::Solved;
             }

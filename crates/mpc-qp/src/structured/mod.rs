@@ -99,7 +99,9 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
         };
         let status = if settled || self.cold_sweeps() { SolveStatus::Solved } else { self.interior_point() };
         self.newton.write(solution);
-        solution.multipliers.costates.copy_from_slice(&self.costates);
+        for (to, from) in solution.multipliers.costates.iter_mut().zip(&self.costates) {
+            *to = from * self.newton.cost_unit;
+        }
         solution.status = status;
         solution.iterations = self.iterations;
         solution.time = self.started.elapsed();
