@@ -113,6 +113,14 @@ impl Channel {
         }
     }
 
+    /// Zero values, multipliers and slacks.
+    pub(super) fn reset(&mut self) {
+        self.v.fill([0.0; 4]);
+        self.sides.iter_mut().flatten().for_each(|lane| lane.z = [0.0; 4]);
+        self.slacks.iter_mut().flatten().for_each(|slack| slack.e = [0.0; 4]);
+        self.fixed.iter_mut().for_each(|fixed| fixed.y = 0.0);
+    }
+
     /// Number of complementarity products.
     pub(super) fn count(&self) -> f64 {
         let each = if let Price::Exact(_) = self.price { 2.0 } else { 1.0 };

@@ -179,6 +179,12 @@ impl<const NX: usize> Cone<NX> {
         self.r = Point { head: head - 1.0 - self.e, tail: [0.0; NX] };
     }
 
+    /// Zero multiplier and growth.
+    pub(super) fn reset(&mut self) {
+        self.z = Point::ZERO;
+        self.e = 0.0;
+    }
+
     /// Number of complementarity products.
     pub(super) fn count(&self) -> f64 {
         if let Price::Exact(_) = self.price { 2.0 } else { 1.0 }

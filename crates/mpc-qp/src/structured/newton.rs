@@ -82,6 +82,16 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         [&mut self.inputs, &mut self.rates, &mut self.states, &mut self.rows, &mut self.terminal]
     }
 
+    /// Zero values and multipliers, after an iterate was lost.
+    pub(super) fn reset(&mut self) {
+        for channel in self.channels() {
+            channel.reset();
+        }
+        if let Some(cone) = &mut self.cone {
+            cone.reset();
+        }
+    }
+
     /// State at k, from 0 to N.
     #[inline(always)]
     pub(super) fn x(&self, k: usize) -> &[f64; NX] {
