@@ -43,7 +43,11 @@ fn agree<const NX: usize, const NU: usize>(seeds: std::ops::Range<u64>) -> (usiz
             ours.objective,
             theirs.objective
         );
-        assert!(ours.residuals.worst() <= 1e-6, "seed {seed}: {:?}", ours.residuals);
+        assert!(
+            ours.residuals.worst() <= 1e-6,
+            "seed {seed}: {:?}",
+            ours.residuals
+        );
         close += usize::from((ours.u[0] - theirs.u[0]).amax() <= 1e-5);
     }
     (compared, close)
@@ -51,11 +55,21 @@ fn agree<const NX: usize, const NU: usize>(seeds: std::ops::Range<u64>) -> (usiz
 
 #[test]
 fn both_solvers_find_the_same_cost_and_first_input() {
-    let counts = [agree::<1, 1>(0..40), agree::<2, 1>(0..40), agree::<4, 2>(0..40), agree::<6, 2>(0..40)];
-    let (compared, close) = counts.iter().fold((0, 0), |sum, count| (sum.0 + count.0, sum.1 + count.1));
+    let counts = [
+        agree::<1, 1>(0..40),
+        agree::<2, 1>(0..40),
+        agree::<4, 2>(0..40),
+        agree::<6, 2>(0..40),
+    ];
+    let (compared, close) = counts
+        .iter()
+        .fold((0, 0), |sum, count| (sum.0 + count.0, sum.1 + count.1));
     assert!(compared >= 152, "only {compared} of 160 solved by both");
     // Near-degenerate problems leave the first input to rounding.
-    assert!(close * 100 >= compared * 95, "first inputs agree on {close} of {compared}");
+    assert!(
+        close * 100 >= compared * 95,
+        "first inputs agree on {close} of {compared}"
+    );
 }
 
 fn infeasible_for_us<const NX: usize, const NU: usize>(seeds: std::ops::Range<u64>) -> usize {
@@ -71,17 +85,26 @@ fn infeasible_for_us<const NX: usize, const NU: usize>(seeds: std::ops::Range<u6
 
 #[test]
 fn planted_contradictions_are_never_solved_and_mostly_proved() {
-    let proved = infeasible_for_us::<1, 1>(0..40) + infeasible_for_us::<2, 1>(0..40) + infeasible_for_us::<4, 2>(0..40);
+    let proved = infeasible_for_us::<1, 1>(0..40)
+        + infeasible_for_us::<2, 1>(0..40)
+        + infeasible_for_us::<4, 2>(0..40);
     // The rest ends as numerical trouble, never as a solution.
     assert!(proved >= 108, "proved {proved} of 120");
 }
 
-fn matches_known<const NX: usize, const NU: usize>(known: Result<KnownProblem<NX, NU>, ProblemError>) {
+fn matches_known<const NX: usize, const NU: usize>(
+    known: Result<KnownProblem<NX, NU>, ProblemError>,
+) {
     let known = known.unwrap();
     let solution = structured(&known.problem);
     assert_eq!(solution.status, SolveStatus::Solved);
     let error = (solution.objective - known.objective).abs();
-    assert!(error <= 1e-7 * known.objective.abs().max(1.0), "{} for {}", solution.objective, known.objective);
+    assert!(
+        error <= 1e-7 * known.objective.abs().max(1.0),
+        "{} for {}",
+        solution.objective,
+        known.objective
+    );
     for (found, exact) in solution.u.iter().zip(&known.u) {
         // As in `known_answers`: inputs of a transfer reach 300.
         assert!((found - exact).amax() <= 1e-5, "{found} for {exact}");
@@ -130,8 +153,15 @@ fn unconstrained_problem_takes_one_sweep() {
         };
         let problem = random::problem::<6, 2>(seed, &recipe).unwrap();
         let solution = structured(&problem);
-        assert_eq!((solution.status, solution.iterations), (SolveStatus::Solved, 1));
-        assert!(solution.residuals.worst() <= 1e-9, "{:?}", solution.residuals);
+        assert_eq!(
+            (solution.status, solution.iterations),
+            (SolveStatus::Solved, 1)
+        );
+        assert!(
+            solution.residuals.worst() <= 1e-9,
+            "{:?}",
+            solution.residuals
+        );
     }
 }
 
@@ -185,7 +215,9 @@ fn active_ellipsoid_has_its_multiplier_on_the_boundary_of_the_cone() {
         let problem = tracking.problem(Tracking::start(seed), 8, true).unwrap();
         let solution = structured(&problem);
         assert_eq!(solution.status, SolveStatus::Solved, "seed {seed}");
-        let TerminalSetMultipliers::Ellipsoid { radius, offset } = solution.multipliers.terminal.set else {
+        let TerminalSetMultipliers::Ellipsoid { radius, offset } =
+            solution.multipliers.terminal.set
+        else {
             panic!("the set is an ellipsoid");
         };
         if radius > 1e-4 {

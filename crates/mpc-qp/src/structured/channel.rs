@@ -50,7 +50,11 @@ pub(super) struct Channel {
 
 /// Distance of the two bounds, or the size of the only one.
 fn width(lane: &Lane, opposite: &Lane, i: usize) -> f64 {
-    if opposite.on[i] != 0.0 { lane.bound[i] + opposite.bound[i] } else { 1.0 + lane.bound[i].abs() }
+    if opposite.on[i] != 0.0 {
+        lane.bound[i] + opposite.bound[i]
+    } else {
+        1.0 + lane.bound[i].abs()
+    }
 }
 
 const SIGN: [f64; 2] = [-1.0, 1.0];
@@ -60,7 +64,11 @@ impl Channel {
     pub(super) fn new(len: usize, price: Price) -> Self {
         let lanes = len.div_ceil(4);
         let zeros = vec![[0.0; 4]; lanes];
-        let slacks = if price == Price::Hard { Vec::new() } else { vec![SlackLane::ONE; lanes] };
+        let slacks = if price == Price::Hard {
+            Vec::new()
+        } else {
+            vec![SlackLane::ONE; lanes]
+        };
         Self {
             len,
             v: zeros.clone(),
@@ -99,8 +107,16 @@ impl Channel {
     /// Enters the bounds of value `index`; infinite ones are absent.
     pub(super) fn bound(&mut self, index: usize, lower: f64, upper: f64) {
         let hard = self.price == Price::Hard;
-        if hard && lower.is_finite() && upper.is_finite() && upper - lower <= 1e-11 * (1.0 + lower.abs()) {
-            self.fixed.push(Fixed { index, target: 0.5 * (lower + upper), y: 0.0 });
+        if hard
+            && lower.is_finite()
+            && upper.is_finite()
+            && upper - lower <= 1e-11 * (1.0 + lower.abs())
+        {
+            self.fixed.push(Fixed {
+                index,
+                target: 0.5 * (lower + upper),
+                y: 0.0,
+            });
             return;
         }
         for (side, bound) in [(0, -lower), (1, upper)] {
@@ -116,15 +132,30 @@ impl Channel {
     /// Zero values, multipliers and slacks.
     pub(super) fn reset(&mut self) {
         self.v.fill([0.0; 4]);
-        self.sides.iter_mut().flatten().for_each(|lane| lane.z = [0.0; 4]);
-        self.slacks.iter_mut().flatten().for_each(|slack| slack.e = [0.0; 4]);
+        self.sides
+            .iter_mut()
+            .flatten()
+            .for_each(|lane| lane.z = [0.0; 4]);
+        self.slacks
+            .iter_mut()
+            .flatten()
+            .for_each(|slack| slack.e = [0.0; 4]);
         self.fixed.iter_mut().for_each(|fixed| fixed.y = 0.0);
     }
 
     /// Number of complementarity products.
     pub(super) fn count(&self) -> f64 {
-        let each = if let Price::Exact(_) = self.price { 2.0 } else { 1.0 };
-        let lanes = self.sides.iter().zip(self.used).filter(|(_, used)| *used).flat_map(|(side, _)| side);
+        let each = if let Price::Exact(_) = self.price {
+            2.0
+        } else {
+            1.0
+        };
+        let lanes = self
+            .sides
+            .iter()
+            .zip(self.used)
+            .filter(|(_, used)| *used)
+            .flat_map(|(side, _)| side);
         each * lanes.map(|lane| lane.on.iter().sum::<f64>()).sum::<f64>()
     }
 
@@ -169,7 +200,12 @@ impl Channel {
             reach = reach.and(if self.price == Price::Hard {
                 bounds::predict(lanes, &mut self.sides[side], SIGN[side], &self.dv)
             } else {
-                soft::aim((&mut self.sides[side], &mut self.slacks[side]), SIGN[side], self.price, &self.dv)
+                soft::aim(
+                    (&mut self.sides[side], &mut self.slacks[side]),
+                    SIGN[side],
+                    self.price,
+                    &self.dv,
+                )
             });
         }
         reach
@@ -205,7 +241,12 @@ impl Channel {
             reach = reach.and(if self.price == Price::Hard {
                 bounds::aim(lanes, &mut self.sides[side], SIGN[side], &self.dv)
             } else {
-                soft::aim((&mut self.sides[side], &mut self.slacks[side]), SIGN[side], self.price, &self.dv)
+                soft::aim(
+                    (&mut self.sides[side], &mut self.slacks[side]),
+                    SIGN[side],
+                    self.price,
+                    &self.dv,
+                )
             });
         }
         reach
@@ -228,7 +269,11 @@ impl Channel {
         for side in 0..2 {
             if self.used[side] {
                 gap += bounds::advance(lanes, &mut self.sides[side], alpha);
-                gap += soft::advance((&self.sides[side], &mut self.slacks[side]), self.price, alpha);
+                gap += soft::advance(
+                    (&self.sides[side], &mut self.slacks[side]),
+                    self.price,
+                    alpha,
+                );
             }
         }
         gap
@@ -250,7 +295,11 @@ impl Channel {
                         Price::Quadratic(_) => 2.0,
                         Price::Exact(_) => {
                             let slack = &self.slacks[side][l];
-                            if slack.e[i] * lane.z[i] > lane.s[i].max(1e-12) * slack.nu[i] { 2.0 } else { 1.0 }
+                            if slack.e[i] * lane.z[i] > lane.s[i].max(1e-12) * slack.nu[i] {
+                                2.0
+                            } else {
+                                1.0
+                            }
                         }
                     };
                     if !held {
@@ -302,7 +351,9 @@ impl Channel {
     pub(super) fn scale_multipliers(&mut self, factor: f64) {
         for side in 0..2 {
             if self.used[side] {
-                self.sides[side].iter_mut().for_each(|lane| lane.z.iter_mut().for_each(|z| *z *= factor));
+                self.sides[side]
+                    .iter_mut()
+                    .for_each(|lane| lane.z.iter_mut().for_each(|z| *z *= factor));
             }
         }
         self.fixed.iter_mut().for_each(|fixed| fixed.y *= factor);
@@ -400,7 +451,11 @@ impl Channel {
             return;
         }
         let [lower, upper] = &mut self.sides;
-        let (push, relief) = if gradient > 0.0 { (&mut lower[l], &mut upper[l]) } else { (&mut upper[l], &mut lower[l]) };
+        let (push, relief) = if gradient > 0.0 {
+            (&mut lower[l], &mut upper[l])
+        } else {
+            (&mut upper[l], &mut lower[l])
+        };
         if push.on[i] != 0.0 {
             push.z[i] += gradient.abs();
             let both = relief.on[i] * push.z[i].min(relief.z[i]);
@@ -411,6 +466,9 @@ impl Channel {
 
     /// Largest residual of the fixed components.
     pub(super) fn fixed_residual(&self) -> f64 {
-        self.fixed.iter().map(|f| (self.v[f.index / 4][f.index % 4] - f.target).abs()).fold(0.0, f64::max)
+        self.fixed
+            .iter()
+            .map(|f| (self.v[f.index / 4][f.index % 4] - f.target).abs())
+            .fold(0.0, f64::max)
     }
 }

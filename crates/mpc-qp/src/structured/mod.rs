@@ -71,7 +71,9 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     }
 
     fn out_of_time(&self) -> bool {
-        self.settings.time_limit.is_some_and(|limit| self.started.elapsed() >= limit)
+        self.settings
+            .time_limit
+            .is_some_and(|limit| self.started.elapsed() >= limit)
     }
 
     /// Writes the iterate; after a failure only if it is finite, else zeros.
@@ -86,13 +88,19 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         if !status.has_solution() && !all_finite(solution) {
             self.newton.reset();
             self.newton.write(solution);
-            solution.multipliers.costates.fill(nalgebra::SVector::zeros());
+            solution
+                .multipliers
+                .costates
+                .fill(nalgebra::SVector::zeros());
         }
     }
 
     /// Computes the costates; true if stationarity holds to `tolerance`.
     fn stationary(&mut self, tolerance: f64) -> bool {
-        let (residual, scale) = run(Costates { newton: &mut self.newton, costates: &mut self.costates });
+        let (residual, scale) = run(Costates {
+            newton: &mut self.newton,
+            costates: &mut self.costates,
+        });
         residual <= tolerance * scale
     }
 }
@@ -109,7 +117,9 @@ fn confirmed(status: SolveStatus, residual: f64) -> SolveStatus {
         SolveStatus::Solved if residual <= ACCURATE => SolveStatus::Solved,
         SolveStatus::Solved if residual <= USABLE => SolveStatus::SolvedInaccurate,
         SolveStatus::Solved => SolveStatus::NumericalTrouble,
-        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if residual <= USABLE => SolveStatus::SolvedInaccurate,
+        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if residual <= USABLE => {
+            SolveStatus::SolvedInaccurate
+        }
         other => other,
     }
 }
@@ -119,8 +129,14 @@ fn all_finite<const NX: usize, const NU: usize>(solution: &Solution<NX, NU>) -> 
     let multipliers = &solution.multipliers;
     solution.x.iter().all(|x| finite(x.as_slice()))
         && solution.u.iter().all(|u| finite(u.as_slice()))
-        && multipliers.costates.iter().all(|costate| finite(costate.as_slice()))
-        && multipliers.stages.iter().all(|stage| finite(stage.u_max.as_slice()) && finite(stage.u_min.as_slice()))
+        && multipliers
+            .costates
+            .iter()
+            .all(|costate| finite(costate.as_slice()))
+        && multipliers
+            .stages
+            .iter()
+            .all(|stage| finite(stage.u_max.as_slice()) && finite(stage.u_min.as_slice()))
 }
 
 impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX, NU> {

@@ -79,7 +79,13 @@ fn at_mut<const M: usize>(values: &mut [[f64; 4]], k: usize) -> &mut [f64; M] {
 impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     /// All channels.
     pub(super) fn channels(&mut self) -> [&mut Channel; 5] {
-        [&mut self.inputs, &mut self.rates, &mut self.states, &mut self.rows, &mut self.terminal]
+        [
+            &mut self.inputs,
+            &mut self.rates,
+            &mut self.states,
+            &mut self.rows,
+            &mut self.terminal,
+        ]
     }
 
     /// Zero values and multipliers, after an iterate was lost.
@@ -95,7 +101,11 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     /// State at k, from 0 to N.
     #[inline(always)]
     pub(super) fn x(&self, k: usize) -> &[f64; NX] {
-        if k == 0 { &self.x0 } else { at(&self.states.v, k - 1) }
+        if k == 0 {
+            &self.x0
+        } else {
+            at(&self.states.v, k - 1)
+        }
     }
 
     /// Input at k.
@@ -122,21 +132,41 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         }
         let zero = [0.0; NX];
         for k in 0..self.n {
-            let inputs = if step { &self.inputs.dv } else { &self.inputs.v };
-            let states = if step { &self.states.dv } else { &self.states.v };
+            let inputs = if step {
+                &self.inputs.dv
+            } else {
+                &self.inputs.v
+            };
+            let states = if step {
+                &self.states.dv
+            } else {
+                &self.states.v
+            };
             let u: &[f64; NU] = at(inputs, k);
             let x: &[f64; NX] = if k == 0 { &zero } else { at(states, k - 1) };
             for i in self.row_start[k]..self.row_start[k + 1] {
                 let row = &self.row_data[i];
                 let value = dot(lanes, &row.gx, x) + dot(lanes, &row.hu, u);
-                let rows = if step { &mut self.rows.dv } else { &mut self.rows.v };
+                let rows = if step {
+                    &mut self.rows.dv
+                } else {
+                    &mut self.rows.v
+                };
                 rows[i / 4][i % 4] = value;
             }
         }
-        let states = if step { &self.states.dv } else { &self.states.v };
+        let states = if step {
+            &self.states.dv
+        } else {
+            &self.states.v
+        };
         let x: &[f64; NX] = at(states, self.n - 1);
         for (i, face) in self.faces.iter().enumerate() {
-            let terminal = if step { &mut self.terminal.dv } else { &mut self.terminal.v };
+            let terminal = if step {
+                &mut self.terminal.dv
+            } else {
+                &mut self.terminal.v
+            };
             terminal[i / 4][i % 4] = dot(lanes, face, x);
         }
     }
@@ -179,7 +209,11 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
 
     #[inline(always)]
     fn terminal_value<L: Lanes>(&self, lanes: L, costate: &mut [f64; NX]) -> Value<NX, NU> {
-        let mut value = Value { xx: self.p, xp: [[0.0; NX]; NU], pp: [[0.0; NU]; NU] };
+        let mut value = Value {
+            xx: self.p,
+            xp: [[0.0; NX]; NU],
+            pp: [[0.0; NU]; NU],
+        };
         *costate = self.terminal_force(lanes);
         if self.states.any() {
             let weight: &[f64; NX] = at(&self.states.weight, self.n - 1);
@@ -201,7 +235,12 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     fn cost_gradient<L: Lanes>(&self, lanes: L, k: usize) -> ([f64; NX], [f64; NU]) {
         let stage = &self.stages[k];
         let (x, u) = (self.x(k), self.u(k));
-        let gx = add_product(lanes, &stage.s, u, &add_product(lanes, &stage.q, x, &stage.qv));
+        let gx = add_product(
+            lanes,
+            &stage.s,
+            u,
+            &add_product(lanes, &stage.q, x, &stage.qv),
+        );
         let mut gu = add_product(lanes, &stage.r, u, &stage.rv);
         for i in 0..NU {
             gu[i] += dot(lanes, &stage.s[i], x);
@@ -249,7 +288,14 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         let mut dx = [0.0; NX];
         let mut dp = [0.0; NU];
         for k in 0..self.n {
-            let du = forward(lanes, &self.stages[k], &self.gains[k], &self.feedforward[k], &mut dx, &dp);
+            let du = forward(
+                lanes,
+                &self.stages[k],
+                &self.gains[k],
+                &self.feedforward[k],
+                &mut dx,
+                &dp,
+            );
             *at_mut(&mut self.states.dv, k) = dx;
             *at_mut(&mut self.inputs.dv, k) = du;
             let rate: &mut [f64; NU] = at_mut(&mut self.rates.dv, k);
@@ -267,7 +313,13 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         let (u_weight, rate_weight) = (*at(&self.inputs.weight, k), *at(&self.rates.weight, k));
         let (first, last) = (self.row_start[k], self.row_start[k + 1]);
         if first == last {
-            let cost = Curvature { q: &stage.q, s: &stage.s, r: &stage.r, u_weight, rate_weight };
+            let cost = Curvature {
+                q: &stage.q,
+                s: &stage.s,
+                r: &stage.r,
+                u_weight,
+                rate_weight,
+            };
             eliminate(lanes, stage, &cost, value, &mut self.gains[k]);
         } else {
             let (mut q, mut s, mut r) = (stage.q, stage.s, stage.r);
@@ -282,7 +334,13 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                     r[j] = add_product(lanes, &[hu], &[weight * hu[j]], &r[j]);
                 }
             }
-            let cost = Curvature { q: &q, s: &s, r: &r, u_weight, rate_weight };
+            let cost = Curvature {
+                q: &q,
+                s: &s,
+                r: &r,
+                u_weight,
+                rate_weight,
+            };
             eliminate(lanes, stage, &cost, value, &mut self.gains[k]);
         }
         if k > 0 && self.states.any() {
@@ -304,7 +362,13 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     ) {
         self.forces(lanes, k, &mut gx, &mut gu);
         let gr: &[f64; NU] = at(&self.rates.force, k);
-        self.feedforward[k] = backward(lanes, &self.stages[k], &self.gains[k], (&gx, &gu, gr), costate);
+        self.feedforward[k] = backward(
+            lanes,
+            &self.stages[k],
+            &self.gains[k],
+            (&gx, &gu, gr),
+            costate,
+        );
     }
 }
 
@@ -354,7 +418,11 @@ impl<const NX: usize, const NU: usize> Phase for Forward<'_, NX, NU> {
         let mut reach = Reach::FREE;
         for channel in newton.channels() {
             if channel.any() {
-                reach = reach.and(if self.affine { channel.predict(lanes) } else { channel.aim(lanes) });
+                reach = reach.and(if self.affine {
+                    channel.predict(lanes)
+                } else {
+                    channel.aim(lanes)
+                });
             }
         }
         if let Some(cone) = &mut newton.cone {
@@ -398,7 +466,11 @@ impl<const NX: usize, const NU: usize> Phase for Ray<'_, NX, NU> {
             for i in 0..NU {
                 let index = k * NU + i;
                 let rate = newton.rates.force[index / 4][index % 4];
-                let next = if k + 1 < newton.n { newton.rates.force[(index + NU) / 4][(index + NU) % 4] } else { 0.0 };
+                let next = if k + 1 < newton.n {
+                    newton.rates.force[(index + NU) / 4][(index + NU) % 4]
+                } else {
+                    0.0
+                };
                 newton.inputs.absorb(index, pull[i] + rate - next);
             }
             costate = add_product(lanes, &newton.stages[k].at, &costate, &gx);
@@ -407,7 +479,9 @@ impl<const NX: usize, const NU: usize> Phase for Ray<'_, NX, NU> {
 }
 
 /// Weights and forces of the active-set guess.
-pub(super) struct HoldActive<'a, const NX: usize, const NU: usize>(pub(super) &'a mut Newton<NX, NU>);
+pub(super) struct HoldActive<'a, const NX: usize, const NU: usize>(
+    pub(super) &'a mut Newton<NX, NU>,
+);
 
 impl<const NX: usize, const NU: usize> Phase for HoldActive<'_, NX, NU> {
     type Output = ();
@@ -456,7 +530,10 @@ impl<const NX: usize, const NU: usize> Phase for Settle<'_, NX, NU> {
             verdict = verdict.and(channel.settle(lanes));
         }
         if let Some(cone) = &mut newton.cone {
-            verdict = verdict.and(cone.settle(at(&newton.states.v, newton.n - 1), at(&newton.states.dv, newton.n - 1)));
+            verdict = verdict.and(cone.settle(
+                at(&newton.states.v, newton.n - 1),
+                at(&newton.states.dv, newton.n - 1),
+            ));
         }
         verdict
     }
@@ -512,13 +589,26 @@ impl<const NX: usize, const NU: usize> Phase for Costates<'_, NX, NU> {
             let (mut gx, mut gu) = newton.cost_gradient(lanes, k);
             newton.forces(lanes, k, &mut gx, &mut gu);
             let gr: &[f64; NU] = at(&newton.rates.force, k);
-            let next: [f64; NU] = if k + 1 < newton.n { *at(&newton.rates.force, k + 1) } else { [0.0; NU] };
+            let next: [f64; NU] = if k + 1 < newton.n {
+                *at(&newton.rates.force, k + 1)
+            } else {
+                [0.0; NU]
+            };
             let pull = add_product(lanes, &newton.stages[k].bt, &costate.0, &[0.0; NU]);
             for i in 0..NU {
                 residual = larger(residual, (gu[i] + gr[i] - next[i] + pull[i]).abs());
-                scale = larger(scale, larger(gu[i].abs(), larger(pull[i].abs(), gr[i].abs())));
+                scale = larger(
+                    scale,
+                    larger(gu[i].abs(), larger(pull[i].abs(), gr[i].abs())),
+                );
             }
-            newton.feedforward[k] = backward(lanes, &newton.stages[k], &newton.gains[k], (&gx, &gu, gr), &mut costate);
+            newton.feedforward[k] = backward(
+                lanes,
+                &newton.stages[k],
+                &newton.gains[k],
+                (&gx, &gu, gr),
+                &mut costate,
+            );
         }
         (residual, scale)
     }
@@ -527,7 +617,9 @@ impl<const NX: usize, const NU: usize> Phase for Costates<'_, NX, NU> {
 /// Solves the problem with the channels' weights and forces in absolute values, from the given state: the starting point.
 ///
 /// Forces are gradients at zero values; the affine terms of the dynamics enter here and nowhere else.
-pub(super) struct SolveAbsolute<'a, const NX: usize, const NU: usize>(pub(super) &'a mut Newton<NX, NU>);
+pub(super) struct SolveAbsolute<'a, const NX: usize, const NU: usize>(
+    pub(super) &'a mut Newton<NX, NU>,
+);
 
 impl<const NX: usize, const NU: usize> Phase for SolveAbsolute<'_, NX, NU> {
     type Output = ();
@@ -550,7 +642,14 @@ impl<const NX: usize, const NU: usize> Phase for SolveAbsolute<'_, NX, NU> {
         let (mut x, mut p) = (newton.x0, newton.u_last);
         for k in 0..newton.n {
             let stage = &newton.stages[k];
-            let u = forward(lanes, stage, &newton.gains[k], &newton.feedforward[k], &mut x, &p);
+            let u = forward(
+                lanes,
+                stage,
+                &newton.gains[k],
+                &newton.feedforward[k],
+                &mut x,
+                &p,
+            );
             for i in 0..NX {
                 x[i] += stage.c[i];
             }
