@@ -9,7 +9,6 @@ use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{
     ClarabelSolver, OcpSolver, Solution, SolveError, SolverSettings, Start, StructuredSolver,
 };
-use nalgebra::Vector2;
 
 const STARTS: u64 = 1000;
 
@@ -56,7 +55,7 @@ fn cold<S: OcpSolver<6, 2>>(
 fn warm(tracking: &Tracking, horizon: usize, cone: bool) -> Result<Times, SolveError> {
     let mut times = Vec::new();
     for start in 0..10 {
-        let (mut x, mut last) = (Tracking::start(start), Vector2::zeros());
+        let mut x = Tracking::start(start);
         let Ok(mut problem) = tracking.problem(x, horizon, cone) else {
             continue;
         };
@@ -68,7 +67,7 @@ fn warm(tracking: &Tracking, horizon: usize, cone: bool) -> Result<Times, SolveE
             if step > 0 {
                 times.push(micros(&solution));
             }
-            last = solution.u[0];
+            let last = solution.u[0];
             x = tracking.stage.successor(&x, &last) + Tracking::start(1000 * start + step) * 0.01;
             solution.shift(&problem)?;
             if let Ok(next) = tracking.problem(x, horizon, cone) {

@@ -8,7 +8,7 @@
 //! or z = rho (exact price).
 
 use super::bounds::Lane;
-use super::channel::Channel;
+use super::channel::{Channel, SIGN};
 use super::kernel::{Lanes, larger};
 use super::soft::Price;
 
@@ -35,9 +35,6 @@ impl Verdict {
 const OUTSIDE: f64 = 0.0;
 const HELD: f64 = 1.0;
 const BEYOND: f64 = 2.0;
-
-/// Signs of the two sides.
-const SIGN: [f64; 2] = [-1.0, 1.0];
 
 impl Channel {
     /// Guesses from the present values: a violated bound is held.

@@ -379,11 +379,6 @@ impl<const NX: usize> Cone<NX> {
         gap
     }
 
-    /// True if slack and multiplier are strictly inside.
-    pub(super) fn inside(&self) -> bool {
-        self.s.depth() > 0.0 && self.z.depth() > 0.0
-    }
-
     /// Active-set sweep: the boundary as f = (|M (x - center)|^2 - 1) / 2 = 0 with multiplier z.head, linearised at x.
     #[inline(always)]
     pub(super) fn hold<L: Lanes>(

@@ -2,7 +2,8 @@
 
 use super::StructuredSolver;
 use super::kernel::run;
-use super::newton::{Advance, Backward, Factorise, Forward, Ray, SolveAbsolute, Weigh};
+use super::passes::{Advance, Backward, Factorise, Forward, Weigh};
+use super::solves::{Ray, SolveAbsolute};
 use crate::certificate::examine_certificate;
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};

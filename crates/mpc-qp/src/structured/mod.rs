@@ -9,13 +9,16 @@ mod active;
 mod bounds;
 mod channel;
 mod cone;
+mod handover;
 mod interior;
 mod kernel;
 mod load;
 mod newton;
+mod passes;
 mod read;
 mod riccati;
 mod soft;
+mod solves;
 mod sweeps;
 mod write;
 
@@ -25,7 +28,8 @@ use crate::residuals::Residuals;
 use crate::solution::{Solution, SolveStatus};
 use crate::solver::{OcpSolver, SolverSettings, Start};
 use kernel::{Lanes, Phase, run};
-use newton::{Costates, Newton};
+use newton::Newton;
+use solves::Costates;
 use std::time::Instant;
 
 /// Structured interior-point solver.

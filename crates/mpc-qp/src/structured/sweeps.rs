@@ -2,9 +2,10 @@
 
 use super::StructuredSolver;
 use super::kernel::run;
-use super::newton::{Factorise, HoldActive, Resolve, Settle, SolveAbsolute};
+use super::passes::Factorise;
 use super::read::Read;
 use super::soft::Price;
+use super::solves::{HoldActive, Resolve, Settle, SolveAbsolute};
 use crate::solution::Solution;
 
 /// Weight that holds a bound (the cost's curvature in the inputs is about one): large enough that each further solve gains six digits,
