@@ -88,7 +88,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 verdict = run(Settle(newton));
             }
             if verdict.changes == 0 {
-                if !(verdict.distance <= 0.1 * tolerance) {
+                if verdict.distance.is_nan() || verdict.distance > 0.1 * tolerance {
                     return false;
                 }
                 for channel in newton.channels() {
