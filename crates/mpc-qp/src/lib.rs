@@ -11,6 +11,7 @@ mod softening;
 mod solution;
 mod solver;
 mod stage;
+mod structured;
 mod terminal;
 mod validation;
 
@@ -31,5 +32,6 @@ pub use residuals::{Residual, Residuals};
 pub use softening::{ConstraintGroup, Penalty, Softening};
 pub use solution::{Solution, SolveStatus};
 pub use solver::{OcpSolver, SolverSettings, Start};
+pub use structured::StructuredSolver;
 pub use stage::{Row, Stage};
 pub use terminal::{HalfSpace, Terminal, TerminalSet};

@@ -1,0 +1,178 @@
+//! Structured interior point with an active-set path, on memory allocated once.
+//!
+//! See `docs/solver.md` for the derivation. A solve tries active-set sweeps first (`active`): from the last answer if there is one,
+//! else from the unconstrained solution. Where they do not settle, Mehrotra's predictor-corrector (`interior`) takes over
+//! and hands its guess of the active set back as soon as it has one. Every answer is checked against the optimality
+//! conditions before it is called solved.
+
+mod active;
+mod bounds;
+mod channel;
+mod cone;
+mod handover;
+mod interior;
+mod kernel;
+mod load;
+mod newton;
+mod passes;
+mod read;
+mod riccati;
+mod soft;
+mod solves;
+mod sweeps;
+mod write;
+
+use crate::error::SolveError;
+use crate::problem::OcpQp;
+use crate::residuals::Residuals;
+use crate::solution::{Solution, SolveStatus};
+use crate::solver::{OcpSolver, SolverSettings, Start};
+use kernel::{Lanes, Phase, run};
+use newton::Newton;
+use solves::Costates;
+use std::time::Instant;
+
+/// Structured interior-point solver.
+#[derive(Clone, Debug)]
+pub struct StructuredSolver<const NX: usize, const NU: usize> {
+    settings: SolverSettings,
+    newton: Newton<NX, NU>,
+    costates: Vec<nalgebra::SVector<f64, NX>>,
+    started: Instant,
+    iterations: usize,
+}
+
+struct Load<'a, const NX: usize, const NU: usize>(&'a mut Newton<NX, NU>, &'a OcpQp<NX, NU>);
+
+impl<const NX: usize, const NU: usize> Phase for Load<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        self.0.load(lanes, self.1);
+    }
+}
+
+impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
+    /// Memory for problems of the structure of `problem`.
+    ///
+    /// # Errors
+    /// [`SolveError::Setting`] for settings outside their ranges.
+    pub fn new(problem: &OcpQp<NX, NU>, settings: SolverSettings) -> Result<Self, SolveError> {
+        settings.validate()?;
+        Ok(Self {
+            settings,
+            newton: Newton::new(problem),
+            costates: vec![nalgebra::SVector::zeros(); problem.horizon()],
+            started: Instant::now(),
+            iterations: 0,
+        })
+    }
+
+    /// The limits in force.
+    #[must_use]
+    pub fn settings(&self) -> &SolverSettings {
+        &self.settings
+    }
+
+    fn out_of_time(&self) -> bool {
+        self.settings
+            .time_limit
+            .is_some_and(|limit| self.started.elapsed() >= limit)
+    }
+
+    /// Writes the iterate if it is finite, else zeros, which the residuals then refuse.
+    fn write(&mut self, status: SolveStatus, solution: &mut Solution<NX, NU>) {
+        if !status.has_solution() {
+            self.stationary(1.0);
+        }
+        self.newton.write(solution);
+        for (to, from) in solution.multipliers.costates.iter_mut().zip(&self.costates) {
+            *to = from * self.newton.cost_unit;
+        }
+        if !all_finite(solution) {
+            self.newton.reset();
+            self.newton.write(solution);
+            solution
+                .multipliers
+                .costates
+                .fill(nalgebra::SVector::zeros());
+        }
+    }
+
+    /// Computes the costates; true if stationarity holds to `tolerance`.
+    fn stationary(&mut self, tolerance: f64) -> bool {
+        let (residual, scale) = run(Costates {
+            newton: &mut self.newton,
+            costates: &mut self.costates,
+        });
+        residual <= tolerance * scale
+    }
+}
+
+/// Relative residual below which an answer deserves its status.
+const ACCURATE: f64 = 1e-6;
+
+/// Relative residual below which an answer is of use at all.
+const USABLE: f64 = 1e-5;
+
+/// The status after a look at the recomputed residuals: they may confirm, downgrade or, after a stop, upgrade it.
+fn confirmed(status: SolveStatus, residual: f64) -> SolveStatus {
+    match status {
+        SolveStatus::Solved if residual <= ACCURATE => SolveStatus::Solved,
+        SolveStatus::Solved if residual <= USABLE => SolveStatus::SolvedInaccurate,
+        SolveStatus::Solved => SolveStatus::NumericalTrouble,
+        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if residual <= USABLE => {
+            SolveStatus::SolvedInaccurate
+        }
+        other => other,
+    }
+}
+
+fn all_finite<const NX: usize, const NU: usize>(solution: &Solution<NX, NU>) -> bool {
+    let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+    let multipliers = &solution.multipliers;
+    solution.x.iter().all(|x| finite(x.as_slice()))
+        && solution.u.iter().all(|u| finite(u.as_slice()))
+        && multipliers
+            .costates
+            .iter()
+            .all(|costate| finite(costate.as_slice()))
+        && multipliers
+            .stages
+            .iter()
+            .all(|stage| finite(stage.u_max.as_slice()) && finite(stage.u_min.as_slice()))
+}
+
+impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX, NU> {
+    fn solve(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        start: Start,
+        solution: &mut Solution<NX, NU>,
+    ) -> Result<(), SolveError> {
+        self.started = Instant::now();
+        self.iterations = 0;
+        self.newton.check_shape(problem)?;
+        solution.check_shape(problem)?;
+        run(Load(&mut self.newton, problem));
+        let settled = match start {
+            Start::Warm => self.warm_sweeps(solution),
+            Start::Cold => false,
+        };
+        let status = if settled || self.cold_sweeps() {
+            SolveStatus::Solved
+        } else {
+            self.interior_point(problem, solution)
+        };
+        if !matches!(status, SolveStatus::PrimalInfeasible { .. }) {
+            self.write(status, solution);
+        }
+        solution.status = status;
+        solution.iterations = self.iterations;
+        solution.time = self.started.elapsed();
+        solution.residuals = Residuals::evaluate(problem, solution);
+        solution.status = confirmed(solution.status, solution.residuals.worst());
+        solution.objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
+        Ok(())
+    }
+}
