@@ -21,7 +21,20 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let outcome = match Cli::parse().command {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        // Help and version are answers, not errors.
+        Err(answer) if !answer.use_stderr() => answer.exit(),
+        Err(error) => {
+            let text = error.to_string();
+            let first = text.lines().next().unwrap_or_default();
+            say(&format!(
+                "{first} (`cargo xtask --help` lists what there is)"
+            ));
+            return ExitCode::from(2);
+        }
+    };
+    let outcome = match cli.command {
         Command::Sweep(args) => sweep::run(&args),
     };
     match outcome {

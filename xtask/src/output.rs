@@ -8,18 +8,21 @@ use tempfile::NamedTempFile;
 /// Why a file or folder could not be written.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum OutputError {
-    #[error("cannot make the folder {path}")]
+    #[error("cannot write to the folder {path}")]
     Folder { path: PathBuf, source: io::Error },
     #[error("cannot write {path}")]
     File { path: PathBuf, source: io::Error },
 }
 
-/// Makes `path` and its parents.
+/// Makes `path` and its parents, and finds out whether files can be made there.
 pub(crate) fn make_folder(path: &Path) -> Result<(), OutputError> {
-    fs::create_dir_all(path).map_err(|source| OutputError::Folder {
-        path: path.into(),
-        source,
-    })
+    fs::create_dir_all(path)
+        .and_then(|()| NamedTempFile::new_in(path).map_err(|error| error.kind().into()))
+        .map(drop)
+        .map_err(|source| OutputError::Folder {
+            path: path.into(),
+            source,
+        })
 }
 
 /// Writes `contents` beside `path` and moves it there: a reader, a full disk or an interrupt never meets half a file.
@@ -33,9 +36,10 @@ pub(crate) fn write_whole(path: &Path, contents: &[u8]) -> Result<(), OutputErro
         file.persist(path)?;
         Ok(())
     })();
-    written.map_err(|source| OutputError::File {
+    // The kind alone: the whole error names the temporary file, which means nothing to a reader.
+    written.map_err(|error: io::Error| OutputError::File {
         path: path.into(),
-        source,
+        source: error.kind().into(),
     })
 }
 

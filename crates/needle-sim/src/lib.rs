@@ -4,3 +4,4 @@ mod log;
 pub mod published;
 
 pub use log::{LogRow, RunLog, RunMetrics};
+pub use mpc_qp::SolverSettings;

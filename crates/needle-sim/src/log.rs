@@ -33,13 +33,13 @@ pub struct LogRow {
     pub ref_y_mm: Option<f64>,
     /// The reference point nearest to this row's tip.
     pub ref_z_mm: Option<f64>,
-    /// Index of that point in the reference path.
+    /// Step of the reference run at which that point stands.
     pub nearest: Option<usize>,
     /// How the solve for this row's input ended.
     pub status: Option<&'static str>,
     /// Solver iterations for this row's input.
     pub iterations: Option<usize>,
-    /// Solver time for this row's input.
+    /// Time to assemble and solve the program of this row's input; the terminal weight is not in it.
     pub solve_us: Option<f64>,
 }
 
@@ -59,7 +59,7 @@ pub struct RunLog {
 pub struct RunMetrics {
     /// Closed-loop steps.
     pub steps: usize,
-    /// Steps whose solve did not end in an answer.
+    /// Steps whose solve did not end solved to tolerance.
     pub failed_solves: usize,
     /// Last tip position.
     pub final_x_mm: Option<f64>,

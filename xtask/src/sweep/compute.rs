@@ -52,11 +52,11 @@ pub(super) struct ComputedFigure {
     pub(super) logs: Vec<RunLog>,
 }
 
-/// A run is computed this often, and the least time of each solve is kept: the times are to be compared.
-const REPETITIONS: usize = 3;
-
-/// Computes every run of `files` once, one after the other.
-pub(super) fn figures(files: &[FigureFile]) -> Result<Vec<ComputedFigure>, SweepError> {
+/// Computes every run of `files`, one after the other, each as often as `repetitions` says.
+pub(super) fn figures(
+    files: &[FigureFile],
+    repetitions: usize,
+) -> Result<Vec<ComputedFigure>, SweepError> {
     let planned: Vec<_> = files
         .iter()
         .map(|file| (*file, figure_runs(file.0)))
@@ -70,7 +70,7 @@ pub(super) fn figures(files: &[FigureFile]) -> Result<Vec<ComputedFigure>, Sweep
     let progress = Progress::new(distinct.len());
     let mut computed: Vec<(PublishedRun, RunLog)> = Vec::new();
     for run in distinct {
-        let log = repeated(run).map_err(|source| SweepError::Run {
+        let log = repeated(run, repetitions).map_err(|source| SweepError::Run {
             run: run.name.clone(),
             source,
         })?;
@@ -91,9 +91,34 @@ pub(super) fn figures(files: &[FigureFile]) -> Result<Vec<ComputedFigure>, Sweep
     Ok(planned.into_iter().map(figure).collect())
 }
 
-fn repeated(run: &PublishedRun) -> Result<RunLog, PublishedError> {
+/// The run whose solve time is the unit of `time_ratio_to_n8`.
+const UNIT_RUN: &str = "N8";
+
+/// Median solve time of the unit run, computed for the purpose where it is in none of the figures.
+pub(super) fn unit_solve_us(figures: &[ComputedFigure]) -> Result<Option<f64>, SweepError> {
+    let known = figures
+        .iter()
+        .flat_map(|figure| &figure.logs)
+        .find(|log| log.run == UNIT_RUN);
+    if let Some(log) = known {
+        return Ok(log.metrics().median_solve_us);
+    }
+    let unit = figure_runs(Figure::NSweep)
+        .into_iter()
+        .find(|run| run.name == UNIT_RUN);
+    let log = unit
+        .map(|run| repeated(&run, super::REPETITIONS))
+        .transpose();
+    let log = log.map_err(|source| SweepError::Run {
+        run: UNIT_RUN.into(),
+        source,
+    })?;
+    Ok(log.and_then(|log| log.metrics().median_solve_us))
+}
+
+fn repeated(run: &PublishedRun, repetitions: usize) -> Result<RunLog, PublishedError> {
     let mut log = run.compute()?;
-    for _ in 1..REPETITIONS {
+    for _ in 1..repetitions {
         for (row, again) in log.rows.iter_mut().zip(run.compute()?.rows) {
             row.solve_us = row
                 .solve_us

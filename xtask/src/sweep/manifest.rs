@@ -1,7 +1,9 @@
 //! `manifest.json`: what made the data.
 
+use super::REPETITIONS;
 use super::compute::ComputedFigure;
-use needle_sim::published::{DT_S, PublishedRun, RunSettings};
+use needle_sim::SolverSettings;
+use needle_sim::published::{CONSTANTS, PublishedRun, RunSettings};
 use serde_json::{Map, Value, json};
 use std::process::Command;
 use std::time::Duration;
@@ -9,7 +11,14 @@ use std::time::Duration;
 /// The workspace's lock file. It is read when it is needed: the package of this crate is built without it.
 const LOCK_FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../Cargo.lock");
 /// The libraries whose version can change a figure.
-const LIBRARIES: [&str; 4] = ["clarabel", "faer", "nalgebra", "needle-sim"];
+const LIBRARIES: [&str; 6] = [
+    "clarabel",
+    "faer",
+    "lqr",
+    "mpc-qp",
+    "nalgebra",
+    "needle-sim",
+];
 
 pub(super) fn encode(
     figures: &[ComputedFigure],
@@ -32,8 +41,15 @@ pub(super) fn encode(
         "git_uncommitted_changes": git(&["status", "--porcelain"]).map(|changes| !changes.is_empty()),
         "rustc": printed(Command::new("rustc").arg("--version")),
         "libraries": libraries(),
-        "solver": { "name": "clarabel", "start": "cold at every step", "factorisation": "qdldl" },
-        "dt_s": DT_S,
+        "solver": {
+            "name": "clarabel",
+            "start": "cold at every step",
+            "factorisation": "qdldl",
+            "max_iterations": SolverSettings::default().max_iterations,
+            "tolerance": "of each run",
+        },
+        "timing": format!("least of {REPETITIONS} repetitions of each solve, assembly included"),
+        "program": CONSTANTS,
         "files": files,
         "wall_time_s": wall_time.as_secs_f64(),
     });

@@ -3,12 +3,12 @@
 use super::compute::ComputedFigure;
 use super::dataset::{self, DatasetError};
 use needle_sim::RunMetrics;
-use needle_sim::published::Figure;
 
-/// The run whose solve time is the unit of `time_ratio_to_n8`.
-const UNIT_RUN: &str = "N8";
-
-pub(super) fn encode(figures: &[ComputedFigure]) -> Result<Vec<u8>, DatasetError> {
+/// `unit_solve_us` is the solve time that the ratios are to.
+pub(super) fn encode(
+    figures: &[ComputedFigure],
+    unit_solve_us: Option<f64>,
+) -> Result<Vec<u8>, DatasetError> {
     let metrics: Vec<_> = figures
         .iter()
         .flat_map(|figure| {
@@ -18,13 +18,7 @@ pub(super) fn encode(figures: &[ComputedFigure]) -> Result<Vec<u8>, DatasetError
                 .map(|log| (figure.file.stem(), log.run.as_str(), log.metrics()))
         })
         .collect();
-    let unit = figures
-        .iter()
-        .filter(|figure| figure.file.0 == Figure::NSweep)
-        .flat_map(|figure| &figure.logs)
-        .find(|log| log.run == UNIT_RUN)
-        .and_then(|log| log.metrics().median_solve_us);
-    let ratio = |metrics: &RunMetrics| Some(metrics.median_solve_us? / unit?);
+    let ratio = |metrics: &RunMetrics| Some(metrics.median_solve_us? / unit_solve_us?);
     let rows = metrics
         .iter()
         .map(|(file, run, metrics)| (file, run, ratio(metrics), metrics));

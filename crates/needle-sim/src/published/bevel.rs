@@ -1,7 +1,8 @@
 //! The bevelled needle as published: state (x mm, y cm, z cm, alpha, beta, gamma), input (v m/s, omega rad/s).
 
 use super::closed_loop::{PublishedNeedle, closed_loop};
-use super::horizon::{DEGREE, Horizon};
+use super::constants::{CONSTANTS, NeedleConstants};
+use super::horizon::Horizon;
 use super::{DT_S, PublishedError, check_horizon, nearest};
 use crate::log::{LogRow, RunLog};
 use nalgebra::{Matrix2, Matrix6, Matrix6x2, Vector2, Vector3, Vector6};
@@ -32,14 +33,11 @@ impl Default for BevelSettings {
     }
 }
 
-const CURVATURE_PER_M: f64 = 100.0 / 15.0;
 /// Row scales: x in mm, y and z in cm.
 const X_SCALE: f64 = 1000.0;
 const YZ_SCALE: f64 = 100.0;
-const CRUISE_STEPS: usize = 50;
-const BRAKE_STEPS: usize = 10;
-const CLOSED_LOOP_STEPS: usize = 71;
-const CRUISE: Vector2<f64> = Vector2::new(0.01, 0.05 * DEGREE);
+const NEEDLE: NeedleConstants = CONSTANTS.bevel;
+const CRUISE: Vector2<f64> = Vector2::new(NEEDLE.cruise_v_m_s, NEEDLE.cruise_omega_rad_s);
 
 /// A point of the reference: the state after a step, and the input that led to it.
 #[derive(Debug, Clone, Copy)]
@@ -52,7 +50,7 @@ struct PathPoint {
 fn plant(state: &Vector6<f64>, input: &Vector2<f64>) -> Vector6<f64> {
     let [mut x, mut y, mut z, mut alpha, mut beta, mut gamma] = state.data.0[0];
     let (v, omega) = (input[0], input[1]);
-    let turn = v * CURVATURE_PER_M * DT_S;
+    let turn = v * NEEDLE.curvature_per_m * DT_S;
     x += X_SCALE * v * beta.sin() * DT_S;
     y -= YZ_SCALE * v * beta.cos() * alpha.sin() * DT_S;
     z += YZ_SCALE * v * alpha.cos() * beta.cos() * DT_S;
@@ -64,8 +62,8 @@ fn plant(state: &Vector6<f64>, input: &Vector2<f64>) -> Vector6<f64> {
 
 /// The 61 points of the reference, the start included.
 fn reference_points() -> Vec<PathPoint> {
-    let cruise = std::iter::repeat_n(0.01, CRUISE_STEPS);
-    let brake = (0..BRAKE_STEPS).map(|i| 0.009 - 0.001 * i as f64);
+    let cruise = std::iter::repeat_n(0.01, NEEDLE.cruise_steps);
+    let brake = (0..NEEDLE.brake_steps).map(|i| 0.009 - 0.001 * i as f64);
     let start = PathPoint {
         state: Vector6::zeros(),
         input: CRUISE,
@@ -87,7 +85,7 @@ fn reference_points() -> Vec<PathPoint> {
 /// respect to beta in the column of alpha.
 fn prediction(point: &PathPoint) -> (Matrix6<f64>, Matrix6x2<f64>) {
     let [_, _, _, alpha, beta, gamma] = point.state.data.0[0];
-    let (v, kappa) = (point.input[0], CURVATURE_PER_M);
+    let (v, kappa) = (point.input[0], NEEDLE.curvature_per_m);
     let mut a = Matrix6::zeros();
     a[(0, 3)] = X_SCALE * v * beta.cos();
     a[(1, 3)] = -YZ_SCALE * v * alpha.cos() * beta.cos();
@@ -163,12 +161,12 @@ pub fn bevel_reference() -> RunLog {
 /// # Errors
 /// [`PublishedError`] if the settings make no valid program.
 pub fn run_bevel(run: &str, settings: &BevelSettings) -> Result<RunLog, PublishedError> {
-    check_horizon(settings.horizon, CRUISE_STEPS + BRAKE_STEPS)?;
+    check_horizon(settings.horizon, NEEDLE.reference_steps())?;
     let needle = BevelNeedle {
         settings,
         path: reference_points(),
     };
-    closed_loop(run, &needle, settings.tolerance, CLOSED_LOOP_STEPS)
+    closed_loop(run, &needle, settings.tolerance, NEEDLE.closed_loop_steps)
 }
 
 /// Millimetres of a position in the program's scaled rows.
@@ -236,5 +234,47 @@ impl PublishedNeedle<6> for BevelNeedle<'_> {
             nearest: Some(index),
             ..row
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The reference is made with the simulator from the start of the loop, so its logged inputs alone follow it.
+    #[test]
+    fn feed_forward_alone_has_zero_error() {
+        let reference = bevel_reference();
+        let mut state = Vector6::zeros();
+        for row in &reference.rows[1..] {
+            let input = Vector2::new(row.v_mm_s.unwrap() / 1000.0, row.omega_rad_s.unwrap());
+            state = plant(&state, &input);
+            let logged = [row.x_mm, row.y_mm, row.z_mm].map(Option::unwrap);
+            for (mine, logged) in position_mm(&state).into_iter().zip(logged) {
+                assert!((mine - logged).abs() < 1e-12, "step {}", row.step);
+            }
+        }
+    }
+
+    #[test]
+    fn window_past_the_end_repeats_the_last_point_and_never_fills_column_n() {
+        let path = reference_points();
+        let columns = window(&path, 55, 8);
+        assert_eq!(columns[5].state, path[60].state);
+        assert_eq!(
+            (columns[7].state, columns[7].input),
+            (path[60].state, Vector2::zeros())
+        );
+        assert_eq!(
+            (columns[8].state, columns[8].input),
+            (Vector6::zeros(), Vector2::zeros())
+        );
+        let columns = window(&path, 59, 8);
+        assert!(
+            columns
+                .iter()
+                .all(|column| column.state == path[60].state && column.input == Vector2::zeros())
+        );
+        assert_eq!(window(&path, 52, 8)[8].state, path[60].state);
     }
 }

@@ -8,7 +8,8 @@
 //! ```
 //! The N + 1 inputs fit the N-stage problem type by one stage more, whose dynamics is the identity.
 
-use super::{DT_S, PublishedError};
+use super::PublishedError;
+use super::constants::CONSTANTS;
 use crate::log::{LogRow, SOLVED};
 use faer::Mat;
 use mpc_qp::{
@@ -17,14 +18,6 @@ use mpc_qp::{
 };
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use std::time::Instant;
-
-const V_MAX_M_S: f64 = 0.2;
-const OMEGA_MAX_RAD_S: f64 = 2.0 * DEGREE;
-const DV_RANGE_M_S: [f64; 2] = [-DT_S, 3.0 * DT_S];
-const DOMEGA_MAX_RAD_S: f64 = DEGREE * DT_S;
-pub(super) const DEGREE: f64 = std::f64::consts::PI / 180.0;
-/// The paper's level c of the terminal set.
-const TERMINAL_LEVEL: f64 = 10.0;
 
 /// The data of one step's program.
 #[derive(Debug, Clone)]
@@ -169,12 +162,12 @@ impl<const NX: usize> Horizon<NX> {
         // The problem type has a factor 1/2 in front of its quadratic terms.
         (stage.q, stage.r) = (2.0 * self.q, 2.0 * self.r);
         stage.q_linear = -2.0 * self.q * self.targets[k];
-        stage.u_max = Vector2::new(V_MAX_M_S, OMEGA_MAX_RAD_S) - input;
-        stage.u_min = Vector2::new(f64::NEG_INFINITY, -OMEGA_MAX_RAD_S) - input;
+        stage.u_max = Vector2::new(CONSTANTS.v_max_m_s, CONSTANTS.omega_max_rad_s) - input;
+        stage.u_min = Vector2::new(f64::NEG_INFINITY, -CONSTANTS.omega_max_rad_s) - input;
         if k > 0 {
             let change = input - self.inputs[k - 1];
-            stage.du_min = Vector2::new(DV_RANGE_M_S[0], -DOMEGA_MAX_RAD_S) - change;
-            stage.du_max = Vector2::new(DV_RANGE_M_S[1], DOMEGA_MAX_RAD_S) - change;
+            stage.du_min = Vector2::new(CONSTANTS.dv_min_m_s, -CONSTANTS.domega_max_rad_s) - change;
+            stage.du_max = Vector2::new(CONSTANTS.dv_max_m_s, CONSTANTS.domega_max_rad_s) - change;
         }
         stage
     }
@@ -186,7 +179,7 @@ impl<const NX: usize> Horizon<NX> {
         terminal.set = TerminalSet::Ellipsoid {
             shape: weight,
             center,
-            level: TERMINAL_LEVEL,
+            level: CONSTANTS.terminal_level,
         };
         terminal
     }

@@ -15,11 +15,13 @@
 
 mod bevel;
 mod closed_loop;
+mod constants;
 mod horizon;
 mod sets;
 mod straight;
 
 pub use bevel::{BevelSettings, bevel_reference, run_bevel};
+pub use constants::{CONSTANTS, Constants, NeedleConstants};
 pub use sets::{Figure, PublishedRun, RunSettings, figure_runs};
 pub use straight::{StraightSettings, run_straight, straight_reference};
 

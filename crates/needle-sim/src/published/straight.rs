@@ -1,7 +1,8 @@
 //! The straight needle (kappa = 0) as published: state (z, gamma) in metres and radians, A = I, B = dt I.
 
 use super::closed_loop::{PublishedNeedle, closed_loop};
-use super::horizon::{DEGREE, Horizon};
+use super::constants::{CONSTANTS, NeedleConstants};
+use super::horizon::Horizon;
 use super::{DT_S, PublishedError, check_horizon, nearest};
 use crate::log::{LogRow, RunLog};
 use nalgebra::{Matrix2, Vector2};
@@ -31,17 +32,14 @@ impl Default for StraightSettings {
     }
 }
 
-const CRUISE_STEPS: usize = 90;
-const BRAKE_STEPS: usize = 10;
-const CLOSED_LOOP_STEPS: usize = 101;
-const REFERENCE_SPIN_RAD_S: f64 = 0.1 * DEGREE;
+const NEEDLE: NeedleConstants = CONSTANTS.straight;
 
 fn reference_inputs() -> impl Iterator<Item = Vector2<f64>> {
-    let cruise = std::iter::repeat_n(0.1, CRUISE_STEPS);
-    let brake = (0..BRAKE_STEPS).map(|i| 0.09 - 0.01 * i as f64);
+    let cruise = std::iter::repeat_n(0.1, NEEDLE.cruise_steps);
+    let brake = (0..NEEDLE.brake_steps).map(|i| 0.09 - 0.01 * i as f64);
     cruise
         .chain(brake)
-        .map(|v| Vector2::new(v, REFERENCE_SPIN_RAD_S))
+        .map(|v| Vector2::new(v, NEEDLE.cruise_omega_rad_s))
 }
 
 /// The 100 states after each reference input; the start is not among them.
@@ -75,12 +73,12 @@ pub fn straight_reference() -> RunLog {
 /// # Errors
 /// [`PublishedError`] if the settings make no valid program.
 pub fn run_straight(run: &str, settings: &StraightSettings) -> Result<RunLog, PublishedError> {
-    check_horizon(settings.horizon, CRUISE_STEPS + BRAKE_STEPS)?;
+    check_horizon(settings.horizon, NEEDLE.reference_steps())?;
     let needle = StraightNeedle {
         settings,
         path: reference_states(),
     };
-    closed_loop(run, &needle, settings.tolerance, CLOSED_LOOP_STEPS)
+    closed_loop(run, &needle, settings.tolerance, NEEDLE.closed_loop_steps)
 }
 
 struct StraightNeedle<'a> {
@@ -125,9 +123,10 @@ impl PublishedNeedle<2> for StraightNeedle<'_> {
 
     fn with_reference(&self, row: LogRow, state: &Vector2<f64>) -> LogRow {
         let index = nearest(&self.path, state);
+        // The path begins after the first step of the reference.
         LogRow {
             ref_z_mm: Some(self.path[index][0] * 1000.0),
-            nearest: Some(index),
+            nearest: Some(index + 1),
             ..row
         }
     }
