@@ -278,7 +278,7 @@ impl TerminalClaim {
         let mut claim = self.clone();
         let shared = norm(&add_scaled(&self.set, -1.0, &self.cost)) == 0.0;
         let closed_loop = self.closed_loop();
-        let Some((sum, _)) = lyapunov_sum(&closed_loop, &identity(self.problem.states())) else {
+        let Some(sum) = lyapunov_sum(&closed_loop, &identity(self.problem.states())) else {
             return Err(self.prove());
         };
         let grown = 1.0 + norm(&closed_loop).powi(2);

@@ -278,7 +278,7 @@ fn polished(problems: &[Problem], p: Mat<f64>) -> Option<Period> {
         if period.relative_residual <= floor {
             break;
         }
-        let Some((x, _)) = lyapunov_sum(&period.monodromy, &period.residual) else {
+        let Some(x) = lyapunov_sum(&period.monodromy, &period.residual) else {
             break;
         };
         let last = &period.chain.p[problems.len()];

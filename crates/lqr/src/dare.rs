@@ -306,7 +306,7 @@ fn from_surrogate(problem: &Problem, surrogate: &Problem) -> Option<Attempt> {
     let (p, steps) = doubling(surrogate)?;
     let k = surrogate.gain(&p)?;
     // The cost of that law under the true weights starts Kleinman's monotone iteration.
-    let (cost, _) = lyapunov_sum(&problem.closed_loop(&k), &problem.stage_cost(&k))?;
+    let cost = lyapunov_sum(&problem.closed_loop(&k), &problem.stage_cost(&k))?;
     polish(problem, cost, steps + 1, MAX_KLEINMAN_STEPS)
 }
 
@@ -324,7 +324,7 @@ fn polish(
         if candidate.relative_residual <= floor {
             break;
         }
-        let Some((x, _)) = lyapunov_sum(&candidate.closed_loop, &candidate.residual) else {
+        let Some(x) = lyapunov_sum(&candidate.closed_loop, &candidate.residual) else {
             break;
         };
         let mut p = dense::add_scaled(&candidate.p, 1.0, &x);

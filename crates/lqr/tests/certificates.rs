@@ -4,14 +4,18 @@ mod systems;
 
 use faer::{Mat, mat};
 use lqr::{
-    BackwardChain, Certificate, ChainClaim, Check, Constraints, Dare, Ellipsoid, Rigour, Stage, TerminalClaim,
-    largest_volume_ellipsoid,
+    BackwardChain, Certificate, ChainClaim, Check, Constraints, Dare, Ellipsoid, Rigour, Stage,
+    TerminalClaim, largest_volume_ellipsoid,
 };
 use proptest::prelude::*;
 use systems::{Source, System, apply, closed_loop};
 
 fn check<'a>(certificate: &'a Certificate, name: &str) -> &'a Check {
-    certificate.checks.iter().find(|check| check.name == name).unwrap()
+    certificate
+        .checks
+        .iter()
+        .find(|check| check.name == name)
+        .unwrap()
 }
 
 fn boxed(source: &mut Source, n: usize, m: usize) -> Constraints {
@@ -99,13 +103,19 @@ fn a_gain_with_one_wrong_sign_loses_its_decrease() {
     let system = straight_needle();
     let mut solution = system.dare().solve().unwrap();
     solution.k[(0, 0)] = -solution.k[(0, 0)];
-    let claim = TerminalClaim::new(&system.dare(), &solution, 1e-6, Constraints::new(2, 2)).unwrap();
+    let claim =
+        TerminalClaim::new(&system.dare(), &solution, 1e-6, Constraints::new(2, 2)).unwrap();
     for certificate in [claim.certify(), claim.prove()] {
         assert!(!check(&certificate, "decrease").holds && !check(&certificate, "invariance").holds);
         // The witness rises: V(x+) - V(x) + l(x) = value > 0 at the unit vector of the first state.
         let witness = check(&certificate, "decrease").witness.clone().unwrap();
         let next = apply(&closed_loop(&system, &solution), &witness.state);
-        let v = |x: &[f64]| Ellipsoid::with_level(solution.p.as_ref(), 1.0).unwrap().value(x).unwrap();
+        let v = |x: &[f64]| {
+            Ellipsoid::with_level(solution.p.as_ref(), 1.0)
+                .unwrap()
+                .value(x)
+                .unwrap()
+        };
         assert!(v(&next) > v(&witness.state));
     }
 }
@@ -125,7 +135,10 @@ fn the_level_ten_of_the_paper_is_refuted_by_factors() {
     assert!(!certificate.holds());
     // sqrt(10 / 0.2029), sqrt(10 / 6.18e-3), sqrt(10 / 2.117e-4): levels of the closed form, three digits.
     for (prefix, factor) in [("u0 <=", 7.02), ("u1 <=", 40.2), ("du1 <=", 217.3)] {
-        let failure = certificate.failures().find(|c| c.name.starts_with(prefix)).unwrap();
+        let failure = certificate
+            .failures()
+            .find(|c| c.name.starts_with(prefix))
+            .unwrap();
         let found = failure.witness.as_ref().unwrap().factor;
         assert!((found / factor - 1.0).abs() < 2e-3, "{prefix}: {found}");
     }
@@ -140,18 +153,23 @@ fn a_riccati_solution_as_stored_is_refuted_or_proved_but_never_tolerated() {
         .map(|_| {
             let system = System::random(&mut source, 1, 1, 0.9, 0.0);
             let solution = system.dare().solve().unwrap();
-            let claim = TerminalClaim::new(&system.dare(), &solution, 1.0, Constraints::new(1, 1)).unwrap();
+            let claim =
+                TerminalClaim::new(&system.dare(), &solution, 1.0, Constraints::new(1, 1)).unwrap();
             check(&claim.prove(), "decrease").holds
         })
         .collect();
-    assert!(verdicts.contains(&true) && verdicts.contains(&false), "{verdicts:?}");
+    assert!(
+        verdicts.contains(&true) && verdicts.contains(&false),
+        "{verdicts:?}"
+    );
 }
 
 #[test]
 fn a_fraction_of_the_decrease_is_provable_without_touching_p() {
     let system = System::random(&mut Source(4), 6, 2, 1.1, 1.0);
     let solution = system.dare().solve().unwrap();
-    let mut claim = TerminalClaim::new(&system.dare(), &solution, 1.0, Constraints::new(6, 2)).unwrap();
+    let mut claim =
+        TerminalClaim::new(&system.dare(), &solution, 1.0, Constraints::new(6, 2)).unwrap();
     // Q > 0, so a billionth of the stage cost covers the rounding.
     claim.decrease_fraction = 1.0 - 1e-9;
     assert!(check(&claim.prove(), "decrease").holds);
@@ -162,9 +180,14 @@ fn largest_volume_set_is_proved_with_the_riccati_cost() {
     let system = System::random(&mut Source(9), 4, 2, 1.1, 1.0);
     let solution = system.dare().solve().unwrap();
     let constraints = boxed(&mut Source(10), 4, 2);
-    let rows = constraints.under_law(system.a.as_ref(), system.b.as_ref(), solution.k.as_ref()).unwrap();
+    let rows = constraints
+        .under_law(system.a.as_ref(), system.b.as_ref(), solution.k.as_ref())
+        .unwrap();
     let set = largest_volume_ellipsoid(closed_loop(&system, &solution).as_ref(), &rows).unwrap();
-    let claim = TerminalClaim::largest(&system.dare(), &solution, constraints).unwrap().with_set(&set).unwrap();
+    let claim = TerminalClaim::largest(&system.dare(), &solution, constraints)
+        .unwrap()
+        .with_set(&set)
+        .unwrap();
     assert!(claim.provable().is_ok());
 }
 
@@ -172,25 +195,37 @@ fn largest_volume_set_is_proved_with_the_riccati_cost() {
 fn certificate_survives_serialisation() {
     let system = straight_needle();
     let solution = system.dare().solve().unwrap();
-    let constraints = Constraints::new(2, 2).with_input_box(&[-1.0, -1.0], &[1.0, 1.0]).unwrap();
-    let certificate =
-        TerminalClaim::new(&system.dare(), &solution, 1e4, constraints).unwrap().certify();
+    let constraints = Constraints::new(2, 2)
+        .with_input_box(&[-1.0, -1.0], &[1.0, 1.0])
+        .unwrap();
+    let certificate = TerminalClaim::new(&system.dare(), &solution, 1e4, constraints)
+        .unwrap()
+        .certify();
     let text = serde_json::to_string(&certificate).unwrap();
     let back: Certificate = serde_json::from_str(&text).unwrap();
     assert_eq!(back.checks.len(), certificate.checks.len());
     assert!(!back.holds());
-    assert_eq!(check(&back, "u0 <= 1").witness.is_some(), check(&certificate, "u0 <= 1").witness.is_some());
+    assert_eq!(
+        check(&back, "u0 <= 1").witness.is_some(),
+        check(&certificate, "u0 <= 1").witness.is_some()
+    );
 }
 
 #[test]
 fn cross_term_enters_the_certificate() {
     let system = System::random(&mut Source(6), 3, 2, 1.1, 0.0);
     let s = mat![[0.1, 0.0], [0.0, 0.1], [0.05, 0.0]];
-    let dare = Dare::new(system.a.as_ref(), system.b.as_ref(), system.q.as_ref(), system.r.as_ref())
-        .with_cross(s.as_ref());
+    let dare = Dare::new(
+        system.a.as_ref(),
+        system.b.as_ref(),
+        system.q.as_ref(),
+        system.r.as_ref(),
+    )
+    .with_cross(s.as_ref());
     let solution = dare.solve().unwrap();
     let claim = TerminalClaim::new(&dare, &solution, 1.0, Constraints::new(3, 2)).unwrap();
     assert!(claim.certify().holds(), "{}", claim.certify());
-    let without = TerminalClaim::new(&system.dare(), &solution, 1.0, Constraints::new(3, 2)).unwrap();
+    let without =
+        TerminalClaim::new(&system.dare(), &solution, 1.0, Constraints::new(3, 2)).unwrap();
     assert!(!without.certify().holds());
 }

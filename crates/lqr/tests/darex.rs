@@ -41,8 +41,13 @@ fn indefinite_state_weight_of_ionescu_and_weiss_is_refused() {
     let q = mat![[-4.0 / 11.0, -4.0 / 11.0], [-4.0 / 11.0, 7.0 / 11.0]];
     let (a, b) = (mat![[0.0, 1.0], [0.0, -1.0]], mat![[1.0, 0.0], [2.0, 1.0]]);
     let (r, s) = (mat![[9.0, 3.0], [3.0, 1.0]], mat![[3.0, 1.0], [-1.0, 7.0]]);
-    let refused = Dare::new(a.as_ref(), b.as_ref(), q.as_ref(), r.as_ref()).with_cross(s.as_ref()).solve();
-    assert!(matches!(refused, Err(DareError::IndefiniteWeight { name: "Q", .. })));
+    let refused = Dare::new(a.as_ref(), b.as_ref(), q.as_ref(), r.as_ref())
+        .with_cross(s.as_ref())
+        .solve();
+    assert!(matches!(
+        refused,
+        Err(DareError::IndefiniteWeight { name: "Q", .. })
+    ));
 }
 
 #[test]
@@ -54,7 +59,12 @@ fn satellite_attitude_control_satisfies_the_equation_to_rounding() {
             [0.0, 0.0, 0.998, 0.153],
             [0.0, 0.0, -0.153, 0.998]
         ],
-        b: mat![[0.0033, 0.02], [0.1, -0.0007], [0.04, 0.0073], [-0.0028, 0.1]],
+        b: mat![
+            [0.0033, 0.02],
+            [0.1, -0.0007],
+            [0.04, 0.0073],
+            [-0.0028, 0.1]
+        ],
         q: mat![
             [1.87, 0.0, 0.0, -0.244],
             [0.0, 0.744, 0.205, 0.0],
@@ -94,7 +104,10 @@ fn badly_scaled_transition_follows_the_closed_form() {
             q: Mat::identity(2, 2),
             r: mat![[1.0]],
         };
-        assert!(error(&system, &mat![[1.0, 0.0], [0.0, 1.0 + e * e]]) < 1e-15, "e = {e:e}");
+        assert!(
+            error(&system, &mat![[1.0, 0.0], [0.0, 1.0 + e * e]]) < 1e-15,
+            "e = {e:e}"
+        );
     }
 }
 

@@ -12,7 +12,12 @@ fn sizes() -> impl Strategy<Value = (usize, usize, f64, u64)> {
 }
 
 fn stage(system: &System) -> Stage<'_> {
-    Stage { a: system.a.as_ref(), b: system.b.as_ref(), q: system.q.as_ref(), r: system.r.as_ref() }
+    Stage {
+        a: system.a.as_ref(),
+        b: system.b.as_ref(),
+        q: system.q.as_ref(),
+        r: system.r.as_ref(),
+    }
 }
 
 proptest! {

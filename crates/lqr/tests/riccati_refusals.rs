@@ -3,11 +3,19 @@
 mod systems;
 
 use faer::{Mat, mat};
-use lqr::{Dare, DareError, InputError, NearLoss, PeriodicSolution, Stage, controllable_subspace, stabilisability};
+use lqr::{
+    Dare, DareError, InputError, NearLoss, PeriodicSolution, Stage, controllable_subspace,
+    stabilisability,
+};
 use proptest::prelude::*;
 use systems::{Source, System, norm, textbook_residual};
 
-fn solve(a: &Mat<f64>, b: &Mat<f64>, q: &Mat<f64>, r: &Mat<f64>) -> Result<lqr::DareSolution, DareError> {
+fn solve(
+    a: &Mat<f64>,
+    b: &Mat<f64>,
+    q: &Mat<f64>,
+    r: &Mat<f64>,
+) -> Result<lqr::DareSolution, DareError> {
     Dare::new(a.as_ref(), b.as_ref(), q.as_ref(), r.as_ref()).solve()
 }
 
@@ -75,7 +83,10 @@ fn jordan_chain_without_input_is_refused() {
     let b = &t * mat![[1.0], [1.0], [0.0], [0.0], [0.0]];
     let a = &t * a * t.transpose();
     let error = solve(&a, &b, &Mat::identity(5, 5), &Mat::identity(1, 1)).unwrap_err();
-    assert!(matches!(&error, DareError::NotStabilisable { mode } if (mode.eigenvalue.re - 1.0).abs() < 1e-4), "{error}");
+    assert!(
+        matches!(&error, DareError::NotStabilisable { mode } if (mode.eigenvalue.re - 1.0).abs() < 1e-4),
+        "{error}"
+    );
 }
 
 #[test]
@@ -86,7 +97,9 @@ fn complex_pair_without_input_is_named_by_its_eigenvalue() {
     let error = solve(&a, &b, &Mat::identity(3, 3), &Mat::identity(1, 1)).unwrap_err();
     match error {
         DareError::NotStabilisable { mode } => {
-            assert!((mode.eigenvalue.re - c).abs() < 1e-12 && (mode.eigenvalue.im - s).abs() < 1e-12);
+            assert!(
+                (mode.eigenvalue.re - c).abs() < 1e-12 && (mode.eigenvalue.im - s).abs() < 1e-12
+            );
         }
         other => panic!("{other}"),
     }
@@ -149,7 +162,13 @@ fn singular_input_weight_is_solved_where_the_input_costs_through_the_state() {
 
 #[test]
 fn input_without_weight_or_effect_is_refused() {
-    let error = solve(&mat![[0.5]], &mat![[1.0, 0.0]], &mat![[1.0]], &Mat::zeros(2, 2)).unwrap_err();
+    let error = solve(
+        &mat![[0.5]],
+        &mat![[1.0, 0.0]],
+        &mat![[1.0]],
+        &Mat::zeros(2, 2),
+    )
+    .unwrap_err();
     assert_eq!(error, DareError::SingularInputHessian);
 }
 
@@ -163,19 +182,39 @@ fn weakly_reached_unstable_mode_comes_with_a_warning() {
             r: Mat::identity(1, 1),
         };
         let solution = system.dare().solve().unwrap();
-        assert!(solution.warning.unwrap().losses.contains(&NearLoss::IllConditionedP), "gain {gain}");
-        assert!(textbook_residual(&system, &solution.p) < 1e-9, "gain {gain}");
+        assert!(
+            solution
+                .warning
+                .unwrap()
+                .losses
+                .contains(&NearLoss::IllConditionedP),
+            "gain {gain}"
+        );
+        assert!(
+            textbook_residual(&system, &solution.p) < 1e-9,
+            "gain {gain}"
+        );
     }
 }
 
 #[test]
 fn scaled_inputs_lose_no_digits() {
     // Unbalanced doubling leaves 6e-7 at 1e4 on such systems. At 1e8 the gain is 1e-8 and B'PB outweighs R by 1e16.
-    for (scale, allowed) in [(1e-8, 1e-13), (1e-4, 1e-13), (1.0, 1e-13), (1e4, 1e-12), (1e8, 1e-10)] {
+    for (scale, allowed) in [
+        (1e-8, 1e-13),
+        (1e-4, 1e-13),
+        (1.0, 1e-13),
+        (1e4, 1e-12),
+        (1e8, 1e-10),
+    ] {
         let mut system = System::random(&mut Source(11), 6, 2, 1.1, 0.0);
         system.b = Mat::from_fn(6, 2, |i, j| system.b[(i, j)] * scale);
         let solution = system.dare().solve().unwrap();
-        assert!(solution.relative_residual < allowed, "scale {scale:e}: {:e}", solution.relative_residual);
+        assert!(
+            solution.relative_residual < allowed,
+            "scale {scale:e}: {:e}",
+            solution.relative_residual
+        );
     }
 }
 
@@ -183,25 +222,62 @@ fn scaled_inputs_lose_no_digits() {
 fn malformed_data_are_named() {
     let eye = Mat::<f64>::identity(2, 2);
     let wrong = solve(&eye, &Mat::zeros(3, 1), &eye, &mat![[1.0]]).unwrap_err();
-    assert_eq!(wrong, InputError::Shape { name: "B", expected: (2, 1), found: (3, 1) }.into());
+    assert_eq!(
+        wrong,
+        InputError::Shape {
+            name: "B",
+            expected: (2, 1),
+            found: (3, 1)
+        }
+        .into()
+    );
     let nan = solve(&eye, &eye, &mat![[1.0, 0.0], [0.0, f64::NAN]], &eye).unwrap_err();
-    assert!(matches!(nan, DareError::Input(InputError::NotFinite { name: "Q", row: 1, col: 1, .. })));
+    assert!(matches!(
+        nan,
+        DareError::Input(InputError::NotFinite {
+            name: "Q",
+            row: 1,
+            col: 1,
+            ..
+        })
+    ));
     let skew = solve(&eye, &eye, &mat![[1.0, 0.1], [0.0, 1.0]], &eye).unwrap_err();
-    assert!(matches!(skew, DareError::Input(InputError::NotSymmetric { name: "Q", .. })));
+    assert!(matches!(
+        skew,
+        DareError::Input(InputError::NotSymmetric { name: "Q", .. })
+    ));
     let indefinite = solve(&eye, &eye, &mat![[1.0, 0.0], [0.0, -1e-3]], &eye).unwrap_err();
-    assert!(matches!(indefinite, DareError::IndefiniteWeight { name: "Q", eigenvalue, .. } if (eigenvalue + 1e-3).abs() < 1e-15));
-    let empty = solve(&Mat::zeros(0, 0), &Mat::zeros(0, 0), &Mat::zeros(0, 0), &Mat::zeros(0, 0)).unwrap_err();
-    assert!(matches!(empty, DareError::Input(InputError::Empty { name: "A" })));
+    assert!(
+        matches!(indefinite, DareError::IndefiniteWeight { name: "Q", eigenvalue, .. } if (eigenvalue + 1e-3).abs() < 1e-15)
+    );
+    let empty = solve(
+        &Mat::zeros(0, 0),
+        &Mat::zeros(0, 0),
+        &Mat::zeros(0, 0),
+        &Mat::zeros(0, 0),
+    )
+    .unwrap_err();
+    assert!(matches!(
+        empty,
+        DareError::Input(InputError::Empty { name: "A" })
+    ));
 }
 
 #[test]
 fn periodic_system_with_an_unreached_multiplier_is_refused() {
     let (a, b) = (mat![[1.1, 0.0], [0.3, 0.9]], mat![[0.0], [1.0]]);
     let (q, r) = (Mat::<f64>::identity(2, 2), Mat::<f64>::identity(1, 1));
-    let stage = Stage { a: a.as_ref(), b: b.as_ref(), q: q.as_ref(), r: r.as_ref() };
+    let stage = Stage {
+        a: a.as_ref(),
+        b: b.as_ref(),
+        q: q.as_ref(),
+        r: r.as_ref(),
+    };
     let error = PeriodicSolution::solve(&[stage; 3]).unwrap_err();
     match error {
-        lqr::ChainError::NotStabilisable { mode } => assert!((mode.eigenvalue.re - 1.1_f64.powi(3)).abs() < 1e-12),
+        lqr::ChainError::NotStabilisable { mode } => {
+            assert!((mode.eigenvalue.re - 1.1_f64.powi(3)).abs() < 1e-12)
+        }
         other => panic!("{other}"),
     }
 }

@@ -4,15 +4,19 @@ mod systems;
 
 use faer::{Mat, mat};
 use lqr::{
-    AdmissibleSet, ConstraintKind, Constraints, Determination, Ellipsoid, LevelReason, RateAugmented,
-    chain_levels, largest_volume_ellipsoid,
+    AdmissibleSet, ConstraintKind, Constraints, Determination, Ellipsoid, LevelReason,
+    RateAugmented, chain_levels, largest_volume_ellipsoid,
 };
 use proptest::prelude::*;
 use systems::{Source, System, apply, closed_loop};
 
 /// Random limits on inputs, rates and two state directions.
 fn limits(source: &mut Source, n: usize, m: usize) -> Constraints {
-    let mut draw = |count: usize| (0..count).map(|_| 0.1 + source.uniform()).collect::<Vec<f64>>();
+    let mut draw = |count: usize| {
+        (0..count)
+            .map(|_| 0.1 + source.uniform())
+            .collect::<Vec<f64>>()
+    };
     let (upper, lower, rate) = (draw(m), draw(m), draw(m));
     let negative = |v: &[f64]| v.iter().map(|x| -x).collect::<Vec<f64>>();
     let constraints = Constraints::new(n, m)
@@ -21,7 +25,11 @@ fn limits(source: &mut Source, n: usize, m: usize) -> Constraints {
         .with_rate_box(&negative(&rate), &rate)
         .unwrap();
     let (f, g) = (source.vector(n), source.vector(n));
-    constraints.with_state_half_space("f", &f, 1.0).unwrap().with_state_half_space("g", &g, 0.7).unwrap()
+    constraints
+        .with_state_half_space("f", &f, 1.0)
+        .unwrap()
+        .with_state_half_space("g", &g, 0.7)
+        .unwrap()
 }
 
 /// The largest (row value - bound) / bound over the constraints for states x, inputs u and changes du.
@@ -34,7 +42,9 @@ fn worst_excess(constraints: &Constraints, x: &[f64], u: &[f64], du: &[f64]) -> 
             let value = dot(&c.on_x, x) + dot(&c.on_u, u) + dot(&c.on_rate, du);
             (value / c.bound - 1.0, c.name.clone())
         })
-        .fold((f64::NEG_INFINITY, String::new()), |a, b| if b.0 > a.0 { b } else { a })
+        .fold((f64::NEG_INFINITY, String::new()), |a, b| {
+            if b.0 > a.0 { b } else { a }
+        })
 }
 
 fn difference(x: &[f64], y: &[f64]) -> Vec<f64> {
@@ -198,18 +208,36 @@ proptest! {
 
 #[test]
 fn a_limit_of_zero_leaves_the_origin_and_says_why() {
-    let constraints = Constraints::new(1, 1).with_input_box(&[0.0], &[1.0]).unwrap();
-    let rows = constraints.under_law(mat![[1.0]].as_ref(), mat![[1.0]].as_ref(), mat![[-0.5]].as_ref()).unwrap();
+    let constraints = Constraints::new(1, 1)
+        .with_input_box(&[0.0], &[1.0])
+        .unwrap();
+    let rows = constraints
+        .under_law(
+            mat![[1.0]].as_ref(),
+            mat![[1.0]].as_ref(),
+            mat![[-0.5]].as_ref(),
+        )
+        .unwrap();
     let set = Ellipsoid::largest(mat![[2.0]].as_ref(), &rows).unwrap();
     assert_eq!(set.level, 0.0);
-    assert_eq!(set.reason, LevelReason::ZeroLimit { name: "u0 >= 0".to_owned(), kind: ConstraintKind::Input });
+    assert_eq!(
+        set.reason,
+        LevelReason::ZeroLimit {
+            name: "u0 >= 0".to_owned(),
+            kind: ConstraintKind::Input
+        }
+    );
 }
 
 #[test]
 fn an_input_that_the_law_does_not_use_is_no_constraint() {
-    let constraints = Constraints::new(1, 2).with_input_box(&[-1.0, 0.0], &[1.0, 0.0]).unwrap();
+    let constraints = Constraints::new(1, 2)
+        .with_input_box(&[-1.0, 0.0], &[1.0, 0.0])
+        .unwrap();
     let (a, b, k) = (mat![[1.0]], mat![[1.0, 1.0]], mat![[-0.5], [0.0]]);
-    let rows = constraints.under_law(a.as_ref(), b.as_ref(), k.as_ref()).unwrap();
+    let rows = constraints
+        .under_law(a.as_ref(), b.as_ref(), k.as_ref())
+        .unwrap();
     let set = Ellipsoid::largest(mat![[1.0]].as_ref(), &rows).unwrap();
     assert!((set.level - 4.0).abs() < 1e-15);
 }
@@ -222,17 +250,37 @@ fn largest_volume_in_a_box_is_the_ball_for_a_contraction() {
         .and_then(|c| c.with_state_half_space("up", &[0.0, 1.0], 0.2))
         .unwrap();
     let a = mat![[0.5, 0.0], [0.0, 0.5]];
-    let rows = constraints.under_law(a.as_ref(), mat![[0.0], [0.0]].as_ref(), mat![[0.0, 0.0]].as_ref()).unwrap();
-    let axes = largest_volume_ellipsoid(a.as_ref(), &rows).unwrap().half_axes().unwrap();
+    let rows = constraints
+        .under_law(
+            a.as_ref(),
+            mat![[0.0], [0.0]].as_ref(),
+            mat![[0.0, 0.0]].as_ref(),
+        )
+        .unwrap();
+    let axes = largest_volume_ellipsoid(a.as_ref(), &rows)
+        .unwrap()
+        .half_axes()
+        .unwrap();
     // The gap of 1e-6 in 2 log(volume) bounds each axis to 1e-6.
-    assert!((axes[0] / 3.0 - 1.0).abs() < 1e-6 && (axes[1] / 0.2 - 1.0).abs() < 1e-6, "{axes:?}");
+    assert!(
+        (axes[0] / 3.0 - 1.0).abs() < 1e-6 && (axes[1] / 0.2 - 1.0).abs() < 1e-6,
+        "{axes:?}"
+    );
 }
 
 #[test]
 fn one_sided_limit_keeps_the_half_line_as_a_polytope_where_the_ellipsoid_is_a_point() {
     // u = -x/2 in x+ = x + u with 0 <= u <= 1: the states -2 <= x <= 0, exactly.
-    let constraints = Constraints::new(1, 1).with_input_box(&[0.0], &[1.0]).unwrap();
-    let rows = constraints.under_law(mat![[1.0]].as_ref(), mat![[1.0]].as_ref(), mat![[-0.5]].as_ref()).unwrap();
+    let constraints = Constraints::new(1, 1)
+        .with_input_box(&[0.0], &[1.0])
+        .unwrap();
+    let rows = constraints
+        .under_law(
+            mat![[1.0]].as_ref(),
+            mat![[1.0]].as_ref(),
+            mat![[-0.5]].as_ref(),
+        )
+        .unwrap();
     let set = AdmissibleSet::maximal(mat![[0.5]].as_ref(), &rows, 10).unwrap();
     assert_eq!(set.determination, Determination::Determined { index: 0 });
     assert_eq!(set.support(&[1.0]), Some(0.0));
@@ -243,8 +291,16 @@ fn one_sided_limit_keeps_the_half_line_as_a_polytope_where_the_ellipsoid_is_a_po
 fn slow_rotation_meets_the_cap_and_says_so() {
     let (c, s) = (0.999 * 0.1_f64.cos(), 0.999 * 0.1_f64.sin());
     let a = mat![[c, -s], [s, c]];
-    let constraints = Constraints::new(2, 1).with_state_half_space("right", &[1.0, 0.0], 1.0).unwrap();
-    let rows = constraints.under_law(a.as_ref(), mat![[0.0], [0.0]].as_ref(), mat![[0.0, 0.0]].as_ref()).unwrap();
+    let constraints = Constraints::new(2, 1)
+        .with_state_half_space("right", &[1.0, 0.0], 1.0)
+        .unwrap();
+    let rows = constraints
+        .under_law(
+            a.as_ref(),
+            mat![[0.0], [0.0]].as_ref(),
+            mat![[0.0, 0.0]].as_ref(),
+        )
+        .unwrap();
     let capped = AdmissibleSet::maximal(a.as_ref(), &rows, 5).unwrap();
     assert_eq!(capped.determination, Determination::CapMet { steps: 5 });
     let full = AdmissibleSet::maximal(a.as_ref(), &rows, 500).unwrap();

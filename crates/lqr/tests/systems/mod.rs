@@ -39,7 +39,13 @@ impl Source {
     pub(crate) fn conditioned(&mut self, n: usize, digits: f64) -> Mat<f64> {
         let (u, v) = (self.orthogonal(n), self.orthogonal(n));
         let step = if n > 1 { digits / (n - 1) as f64 } else { 0.0 };
-        let middle = Mat::from_fn(n, n, |i, j| if i == j { 10f64.powf(-step * i as f64) } else { 0.0 });
+        let middle = Mat::from_fn(n, n, |i, j| {
+            if i == j {
+                10f64.powf(-step * i as f64)
+            } else {
+                0.0
+            }
+        });
         &u * &middle * v.transpose()
     }
 
@@ -62,11 +68,22 @@ pub(crate) struct System {
 
 impl System {
     pub(crate) fn dare(&self) -> Dare<'_> {
-        Dare::new(self.a.as_ref(), self.b.as_ref(), self.q.as_ref(), self.r.as_ref())
+        Dare::new(
+            self.a.as_ref(),
+            self.b.as_ref(),
+            self.q.as_ref(),
+            self.r.as_ref(),
+        )
     }
 
     /// Full random A scaled to a spectral radius, full random B, weights of the given condition.
-    pub(crate) fn random(source: &mut Source, n: usize, m: usize, radius: f64, digits: f64) -> Self {
+    pub(crate) fn random(
+        source: &mut Source,
+        n: usize,
+        m: usize,
+        radius: f64,
+        digits: f64,
+    ) -> Self {
         let a = source.matrix(n, n);
         let now = lqr::spectral_radius(a.as_ref()).unwrap().max(1e-3);
         Self {
@@ -78,19 +95,34 @@ impl System {
     }
 
     /// `random`, seen through coordinates of condition 10^digits.
-    pub(crate) fn skewed(source: &mut Source, n: usize, m: usize, radius: f64, digits: f64) -> Self {
+    pub(crate) fn skewed(
+        source: &mut Source,
+        n: usize,
+        m: usize,
+        radius: f64,
+        digits: f64,
+    ) -> Self {
         let plain = Self::random(source, n, m, radius, 0.0);
         let t = source.conditioned(n, digits);
         let solve = |rhs: &Mat<f64>| {
             use faer::prelude::Solve;
             t.partial_piv_lu().solve(rhs)
         };
-        Self { a: solve(&(&plain.a * &t)), b: solve(&plain.b), ..plain }
+        Self {
+            a: solve(&(&plain.a * &t)),
+            b: solve(&plain.b),
+            ..plain
+        }
     }
 
     /// A pair with one mode `lambda` that no input reaches, hidden by an orthogonal change of coordinates;
     /// returns the left eigenvector as well.
-    pub(crate) fn with_unreached_mode(source: &mut Source, n: usize, m: usize, lambda: f64) -> (Self, Vec<f64>) {
+    pub(crate) fn with_unreached_mode(
+        source: &mut Source,
+        n: usize,
+        m: usize,
+        lambda: f64,
+    ) -> (Self, Vec<f64>) {
         let mut plain = Self::random(source, n, m, 0.9, 0.0);
         for j in 0..n {
             plain.a[(n - 1, j)] = if j == n - 1 { lambda } else { 0.0 };
@@ -100,7 +132,14 @@ impl System {
         }
         let t = source.orthogonal(n);
         let left = (0..n).map(|i| t[(i, n - 1)]).collect();
-        (Self { a: &t * &plain.a * t.transpose(), b: &t * &plain.b, ..plain }, left)
+        (
+            Self {
+                a: &t * &plain.a * t.transpose(),
+                b: &t * &plain.b,
+                ..plain
+            },
+            left,
+        )
     }
 }
 
@@ -127,10 +166,12 @@ pub(crate) fn value_iteration(system: &System, steps: usize) -> Mat<f64> {
     for _ in 0..steps {
         let gradient = b.transpose() * &p * a;
         let hessian = &system.r + b.transpose() * &p * b;
-        let next =
-            &system.q + a.transpose() * &p * a - gradient.transpose() * hessian.partial_piv_lu().solve(&gradient);
+        let next = &system.q + a.transpose() * &p * a
+            - gradient.transpose() * hessian.partial_piv_lu().solve(&gradient);
         let change = norm(&(&next - &p)) / norm(&next);
-        p = Mat::from_fn(p.nrows(), p.ncols(), |i, j| 0.5 * (next[(i, j)] + next[(j, i)]));
+        p = Mat::from_fn(p.nrows(), p.ncols(), |i, j| {
+            0.5 * (next[(i, j)] + next[(j, i)])
+        });
         if change < 1e-15 {
             break;
         }
@@ -143,5 +184,7 @@ pub(crate) fn closed_loop(system: &System, solution: &DareSolution) -> Mat<f64> 
 }
 
 pub(crate) fn apply(m: &Mat<f64>, x: &[f64]) -> Vec<f64> {
-    (0..m.nrows()).map(|i| (0..m.ncols()).map(|j| m[(i, j)] * x[j]).sum()).collect()
+    (0..m.nrows())
+        .map(|i| (0..m.ncols()).map(|j| m[(i, j)] * x[j]).sum())
+        .collect()
 }
