@@ -1,11 +1,9 @@
 //! What holds for every solution: residual, stability, semidefiniteness, agreement with other algorithms.
 
-mod systems;
-
+use crate::systems::{Source, System, closed_loop, norm, textbook_residual, value_iteration};
 use faer::{Mat, Side};
 use lqr::{BackwardChain, NearLoss, PeriodicSolution, Stage, spectral_radius};
 use proptest::prelude::*;
-use systems::{Source, System, closed_loop, norm, textbook_residual, value_iteration};
 
 fn sizes() -> impl Strategy<Value = (usize, usize, f64, u64)> {
     (1..=12_usize, 1..=4_usize, 0.1..3.0_f64, any::<u64>())

@@ -1,5 +1,4 @@
 //! Random systems with a known structure, from a seed.
-#![allow(dead_code)] // Each test file uses its own part.
 
 use faer::Mat;
 use lqr::{Dare, DareSolution};

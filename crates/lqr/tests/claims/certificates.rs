@@ -1,14 +1,12 @@
 //! Certificates prove what is true for the stored numbers and refute what is not.
 
-mod systems;
-
+use crate::systems::{Source, System, apply, closed_loop};
 use faer::{Mat, mat};
 use lqr::{
     BackwardChain, Certificate, ChainClaim, Check, Constraints, Dare, Ellipsoid, Rigour, Stage,
     TerminalClaim, largest_volume_ellipsoid,
 };
 use proptest::prelude::*;
-use systems::{Source, System, apply, closed_loop};
 
 fn check<'a>(certificate: &'a Certificate, name: &str) -> &'a Check {
     certificate

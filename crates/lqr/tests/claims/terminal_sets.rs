@@ -1,14 +1,12 @@
 //! Terminal sets keep what they promise: invariance, admissibility, tightness, and the most volume.
 
-mod systems;
-
+use crate::systems::{Source, System, apply, closed_loop};
 use faer::{Mat, mat};
 use lqr::{
     AdmissibleSet, ConstraintKind, Constraints, Determination, Ellipsoid, LevelReason,
     RateAugmented, chain_levels, largest_volume_ellipsoid,
 };
 use proptest::prelude::*;
-use systems::{Source, System, apply, closed_loop};
 
 /// Random limits on inputs, rates and two state directions.
 fn limits(source: &mut Source, n: usize, m: usize) -> Constraints {

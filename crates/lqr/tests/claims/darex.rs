@@ -1,11 +1,9 @@
 //! Examples of the DAREX collection (P. Benner, A. Laub, V. Mehrmann, "A collection of benchmark examples for the numerical solution of
 //! algebraic Riccati equations II: discrete-time case", 1995), entered as numbers, with the solutions known in closed form.
 
-mod systems;
-
+use crate::systems::{System, norm, textbook_residual};
 use faer::{Mat, mat};
 use lqr::{Dare, DareError};
-use systems::{System, norm, textbook_residual};
 
 /// Relative error of the solution in the Frobenius norm.
 fn error(system: &System, expected: &Mat<f64>) -> f64 {

@@ -1,14 +1,12 @@
 //! What has no answer is refused by name; what has one in spite of appearances is solved.
 
-mod systems;
-
+use crate::systems::{Source, System, norm, textbook_residual};
 use faer::{Mat, mat};
 use lqr::{
     Dare, DareError, InputError, NearLoss, PeriodicSolution, Stage, controllable_subspace,
     stabilisability,
 };
 use proptest::prelude::*;
-use systems::{Source, System, norm, textbook_residual};
 
 fn solve(
     a: &Mat<f64>,
