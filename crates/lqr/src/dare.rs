@@ -11,7 +11,7 @@ use crate::dense::{cholesky, cholesky_solve, identity, norm, norm_one};
 use crate::hautus::{self, UncontrollableMode, UnobservableMode};
 use crate::input::{self, InputError};
 use crate::riccati::{Balanced, Candidate, Problem, indefinite};
-use crate::routes::{Attempt, Route};
+use crate::routes::{ACCEPTED_RESIDUAL, Attempt, Route};
 use crate::spectrum::{self, SpectrumError};
 use faer::{Mat, MatRef};
 
@@ -212,6 +212,14 @@ fn accept(
     let Some(restored) = problem.evaluate(p) else {
         return Err(DareError::SingularInputHessian);
     };
+    // The routes judge in balanced coordinates; what is reported and promised is the caller's.
+    let relative_residual = restored.relative_residual;
+    if relative_residual > ACCEPTED_RESIDUAL {
+        return Err(DareError::NoConvergence {
+            relative_residual,
+            spectral_radius,
+        });
+    }
     let mut losses = Vec::new();
     if spectral_radius > 0.999 {
         losses.push(NearLoss::SlowClosedLoop);

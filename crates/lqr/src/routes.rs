@@ -12,7 +12,7 @@ const MAX_DOUBLINGS: usize = 50;
 const MAX_POLISH_STEPS: usize = 4;
 const MAX_KLEINMAN_STEPS: usize = 100;
 /// A candidate with a larger relative residual is no solution.
-const ACCEPTED_RESIDUAL: f64 = 1e-8;
+pub(crate) const ACCEPTED_RESIDUAL: f64 = 1e-8;
 
 /// A polished candidate and how stable its closed loop is.
 #[derive(Debug)]
