@@ -2,3 +2,7 @@
 
 mod certificates;
 mod darex;
+mod riccati_properties;
+mod riccati_refusals;
+mod systems;
+mod terminal_sets;
