@@ -1,0 +1,280 @@
+//! The general conic solver behind the problem type: one sparse conic program
+//! `min 1/2 z'P z + q'z, A z + s = b, s in K`, solved by Clarabel (Goulart & Chen).
+//!
+//! The unknowns are `z = (u_0, x_1, u_1, ..., x_N, slacks)`; `x_0` is data. The sparse pattern is made once with faer and the
+//! values are written into it in place, then handed over by Clarabel's data update. A rebuild happens only if the structure
+//! changes: another horizon or row count, a bound that was infinite when the pattern was made, a nonzero where all stages
+//! had zero. [`ClarabelSolver::builds`] counts them.
+//!
+//! Clarabel restarts from its own initial point on every solve. There is no warm start: [`Start::Warm`] is accepted and has no
+//! effect.
+
+mod assembly;
+mod extraction;
+mod inequality;
+mod layout;
+mod pattern;
+mod target;
+#[cfg(test)]
+mod tests;
+
+use crate::error::SolveError;
+use crate::problem::OcpQp;
+use crate::solution::{Solution, SolveStatus};
+use crate::solver::{OcpSolver, SolverSettings, Start};
+use assembly::{assemble, cost_scale};
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SupportedConeT};
+use layout::Layout;
+use pattern::Pattern;
+use std::time::Instant;
+use target::{Indices, Values};
+
+/// Clarabel with the sparse pattern of one problem structure.
+pub struct ClarabelSolver<const NX: usize, const NU: usize> {
+    layout: Layout<NX, NU>,
+    cost: Pattern,
+    constraints: Pattern,
+    linear: Vec<f64>,
+    right: Vec<f64>,
+    solver: DefaultSolver<f64>,
+    settings: SolverSettings,
+    cost_scale: f64,
+    builds: usize,
+}
+
+impl<const NX: usize, const NU: usize> std::fmt::Debug for ClarabelSolver<NX, NU> {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("ClarabelSolver")
+            .field("unknowns", &self.linear.len())
+            .field("rows", &self.right.len())
+            .field("settings", &self.settings)
+            .field("builds", &self.builds)
+            .finish_non_exhaustive()
+    }
+}
+
+impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
+    /// Lays out the pattern for problems like `problem`.
+    ///
+    /// # Errors
+    /// [`SolveError::Setting`], or what faer or Clarabel refuse.
+    pub fn new(problem: &OcpQp<NX, NU>, settings: SolverSettings) -> Result<Self, SolveError> {
+        settings.validate()?;
+        Self::build(problem, Layout::new(problem), settings, 1)
+    }
+
+    /// How often the pattern was made: 1 as long as the structure stays.
+    #[must_use]
+    pub fn builds(&self) -> usize {
+        self.builds
+    }
+
+    /// Nonzeros of the upper triangle of P and of A.
+    #[must_use]
+    pub fn nonzeros(&self) -> (usize, usize) {
+        (self.cost.values().len(), self.constraints.values().len())
+    }
+
+    fn build(
+        problem: &OcpQp<NX, NU>,
+        layout: Layout<NX, NU>,
+        settings: SolverSettings,
+        builds: usize,
+    ) -> Result<Self, SolveError> {
+        let (columns, rows) = (layout.columns(), layout.rows());
+        let mut indices = Indices::default();
+        assemble(problem, &layout, &mut indices);
+        let mut cost = Pattern::new(columns, columns, &indices.cost)?;
+        let mut constraints = Pattern::new(rows, columns, &indices.constraints)?;
+        let (mut linear, mut right) = (vec![0.0; columns], vec![0.0; rows]);
+        let scale = cost_scale(problem);
+        let mut values = Values::new(&mut cost, &mut constraints, &mut linear, &mut right, scale);
+        assemble(problem, &layout, &mut values);
+        let solver = DefaultSolver::new(
+            &csc(&cost),
+            &linear,
+            &csc(&constraints),
+            &right,
+            &cones(&layout),
+            clarabel_settings(&settings),
+        )?;
+        Ok(Self {
+            layout,
+            cost,
+            constraints,
+            linear,
+            right,
+            solver,
+            settings,
+            cost_scale: scale,
+            builds,
+        })
+    }
+
+    /// Brings the solver to the present values of `problem`.
+    fn refill(&mut self, problem: &OcpQp<NX, NU>) -> Result<(), SolveError> {
+        if !self.layout.covers(problem) {
+            let layout = self.layout.extended_to(problem);
+            *self = Self::build(problem, layout, self.settings, self.builds + 1)?;
+            return Ok(());
+        }
+        self.cost_scale = cost_scale(problem);
+        let mut values = Values::new(
+            &mut self.cost,
+            &mut self.constraints,
+            &mut self.linear,
+            &mut self.right,
+            self.cost_scale,
+        );
+        assemble(problem, &self.layout, &mut values);
+        // Clarabel reads an empty update as "no change": a matrix without entries is passed over.
+        self.solver.update_P(self.cost.values())?;
+        self.solver.update_q(&self.linear)?;
+        self.solver.update_A(self.constraints.values())?;
+        self.solver.update_b(&self.right)?;
+        Ok(())
+    }
+}
+
+impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for ClarabelSolver<NX, NU> {
+    fn solve(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        _start: Start,
+        solution: &mut Solution<NX, NU>,
+    ) -> Result<(), SolveError> {
+        solution.check_shape(problem)?;
+        let clock = Instant::now();
+        self.refill(problem)?;
+        self.run(problem, solution);
+        let gap = solution.residuals.complementarity.relative();
+        let in_time = self
+            .settings
+            .time_limit
+            .is_none_or(|limit| clock.elapsed() * 2 < limit);
+        if solution.status == SolveStatus::Solved
+            && gap > LOOSE * self.settings.tolerance
+            && in_time
+        {
+            self.run_again(problem, gap, solution)?;
+        }
+        solution.time = clock.elapsed();
+        solution.status = self.graded(solution);
+        Ok(())
+    }
+}
+
+impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
+    /// Solves with the values in place. The status is Clarabel's own, certificates checked.
+    fn run(&mut self, problem: &OcpQp<NX, NU>, solution: &mut Solution<NX, NU>) {
+        self.solver.solve();
+        let price = self.cost_scale.recip();
+        extraction::extract(
+            problem,
+            &self.layout,
+            &self.solver.solution,
+            price,
+            solution,
+        );
+        solution.evaluate(problem);
+        solution.status = extraction::status(problem, self.solver.solution.status, solution);
+    }
+
+    /// A second pass with gap tolerances that ask in the problem's units what the first asked in scaled ones: where the
+    /// optimal cost is small beside the largest weight, 1e-8 of the scaled cost is too loose. The better answer is kept.
+    fn run_again(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        gap: f64,
+        solution: &mut Solution<NX, NU>,
+    ) -> Result<(), SolveError> {
+        let first = solution.clone();
+        let tighter = (self.settings.tolerance * self.settings.tolerance / gap).max(1e-14);
+        self.set_gap_tolerance(tighter)?;
+        self.run(problem, solution);
+        self.set_gap_tolerance(self.settings.tolerance)?;
+        let iterations = first.iterations + solution.iterations;
+        if first.residuals.worst() < solution.residuals.worst() {
+            *solution = first;
+        }
+        solution.iterations = iterations;
+        Ok(())
+    }
+
+    fn set_gap_tolerance(&mut self, tolerance: f64) -> Result<(), SolveError> {
+        let mut settings = clarabel_settings(&self.settings);
+        (settings.tol_gap_abs, settings.tol_gap_rel) = (tolerance, tolerance);
+        Ok(self
+            .solver
+            .update_settings(settings)
+            .map_err(clarabel::solver::SolverError::from)?)
+    }
+
+    /// The status that the shared residuals support, for all statuses that claim an answer or stopped short of one.
+    fn graded(&self, solution: &Solution<NX, NU>) -> SolveStatus {
+        let worst = solution.residuals.worst();
+        match solution.status {
+            // Clarabel measures stationarity relative to |x|: an unbounded problem can drive x up until it says `Solved`.
+            SolveStatus::Solved if worst > extraction::INACCURATE => SolveStatus::NumericalTrouble,
+            SolveStatus::Solved if worst > ACCURATE * self.settings.tolerance => {
+                SolveStatus::SolvedInaccurate
+            }
+            SolveStatus::SolvedInaccurate if worst <= self.settings.tolerance => {
+                SolveStatus::Solved
+            }
+            status => status,
+        }
+    }
+}
+
+/// Multiple of the tolerance at which the relative duality gap calls for a second pass.
+const LOOSE: f64 = 10.0;
+
+/// Multiple of the tolerance that the worst shared residual of a `Solved` may reach: Clarabel judges residuals relative to
+/// norms of whole vectors and in its own scaling, which differs from the shared measure by up to two decades.
+const ACCURATE: f64 = 100.0;
+
+fn csc(pattern: &Pattern) -> CscMatrix<f64> {
+    let (rows, columns) = pattern.shape();
+    CscMatrix::new(
+        rows,
+        columns,
+        pattern.column_starts().to_vec(),
+        pattern.row_indices().to_vec(),
+        pattern.values().clone(),
+    )
+}
+
+fn cones<const NX: usize, const NU: usize>(layout: &Layout<NX, NU>) -> Vec<SupportedConeT<f64>> {
+    let mut cones = vec![
+        SupportedConeT::ZeroConeT(layout.equalities()),
+        SupportedConeT::NonnegativeConeT(layout.scalar_rows()),
+    ];
+    if layout.has_cone() {
+        cones.push(SupportedConeT::SecondOrderConeT(NX + 1));
+    }
+    cones
+}
+
+/// Presolve and zero dropping would forbid updates. Refinement stays at its defaults: it is what keeps Clarabel right.
+fn clarabel_settings(settings: &SolverSettings) -> DefaultSettings<f64> {
+    DefaultSettings {
+        verbose: false,
+        presolve_enable: false,
+        input_sparse_dropzeros: false,
+        max_threads: 1,
+        direct_solve_method: "qdldl".to_owned(),
+        max_iter: u32::try_from(settings.max_iterations).unwrap_or(u32::MAX),
+        time_limit: settings
+            .time_limit
+            .map_or(f64::INFINITY, |limit| limit.as_secs_f64()),
+        tol_gap_abs: settings.tolerance,
+        tol_gap_rel: settings.tolerance,
+        tol_feas: settings.tolerance,
+        tol_infeas_abs: settings.tolerance,
+        tol_infeas_rel: settings.tolerance,
+        ..DefaultSettings::default()
+    }
+}

@@ -1,0 +1,80 @@
+//! What the two solvers have in common: settings and one trait.
+
+use crate::error::SolveError;
+use crate::problem::OcpQp;
+use crate::solution::Solution;
+use std::time::Duration;
+
+/// Where a solve starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Start {
+    /// From the solver's own starting point; what the solution holds is ignored.
+    #[default]
+    Cold,
+    /// From what the solution holds, usually the last answer after [`Solution::shift`]. A hint: a solver that cannot use it
+    /// starts cold.
+    Warm,
+}
+
+/// Limits of a solve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SolverSettings {
+    /// Tolerance of feasibility and duality gap, absolute and relative.
+    pub tolerance: f64,
+    /// Iterations after which [`SolveStatus::IterationLimit`](crate::SolveStatus::IterationLimit) is returned.
+    pub max_iterations: usize,
+    /// Wall time after which [`SolveStatus::TimeLimit`](crate::SolveStatus::TimeLimit) is returned, checked each iteration.
+    pub time_limit: Option<Duration>,
+}
+
+impl Default for SolverSettings {
+    /// 1e-8, 100 iterations, no time limit.
+    fn default() -> Self {
+        Self {
+            tolerance: 1e-8,
+            max_iterations: 100,
+            time_limit: None,
+        }
+    }
+}
+
+impl SolverSettings {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`SolveError::Setting`] unless the tolerance is in (0, 1) and there is at least one iteration.
+    pub fn validate(&self) -> Result<(), SolveError> {
+        if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
+            let expected = "a number between 0 and 1";
+            return Err(SolveError::Setting {
+                field: "tolerance",
+                expected,
+                found: self.tolerance,
+            });
+        }
+        if self.max_iterations == 0 {
+            return Err(SolveError::Setting {
+                field: "max_iterations",
+                expected: "at least 1",
+                found: 0.0,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// A solver for problems of one structure.
+pub trait OcpSolver<const NX: usize, const NU: usize> {
+    /// Solves `problem` with its present values into `solution`, which holds the guess if `start` is [`Start::Warm`].
+    ///
+    /// Every numerical outcome is a status in the solution. After any status the solution holds finite numbers.
+    ///
+    /// # Errors
+    /// [`SolveError`] if the shapes do not fit.
+    fn solve(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        start: Start,
+        solution: &mut Solution<NX, NU>,
+    ) -> Result<(), SolveError>;
+}

@@ -1,0 +1,216 @@
+//! Checks of matrices and bounds, made once where data enters a problem.
+//!
+//! Semidefiniteness is decided by a Cholesky factorisation after each diagonal entry has been raised by
+//! [`DIAGONAL_SLACK`] of itself: invariant under diagonal scaling, so weights from 1e-6 to 1e6 in one matrix are
+//! judged alike, and singular matrices computed in floating point pass.
+
+use crate::error::{Place, ProblemError};
+use nalgebra::{SMatrix, SVector};
+
+/// Relative rise of the diagonal before the definiteness test: far above rounding, far below any weight with a meaning.
+const DIAGONAL_SLACK: f64 = 1e-10;
+
+/// Largest difference of mirrored entries, relative to the largest entry, that counts as rounding.
+const SYMMETRY_TOLERANCE: f64 = 1e-9;
+
+pub(crate) fn finite<const M: usize, const N: usize>(
+    place: Place,
+    field: &'static str,
+    matrix: &SMatrix<f64, M, N>,
+) -> Result<(), ProblemError> {
+    // A sum of products with zero is NaN exactly if some entry is not finite: one pass without branches.
+    if matrix.iter().fold(0.0, |sum, value| sum + value * 0.0) == 0.0 {
+        return Ok(());
+    }
+    for column in 0..N {
+        for row in 0..M {
+            let found = matrix[(row, column)];
+            if !found.is_finite() {
+                return Err(ProblemError::NotFinite {
+                    place,
+                    field,
+                    row,
+                    column,
+                    expected: "a finite number",
+                    found,
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+pub(crate) fn upper_limit(
+    place: Place,
+    field: &'static str,
+    row: usize,
+    found: f64,
+) -> Result<(), ProblemError> {
+    if found.is_nan() || found == f64::NEG_INFINITY {
+        let expected = "a number or +inf";
+        return Err(ProblemError::NotFinite {
+            place,
+            field,
+            row,
+            column: 0,
+            expected,
+            found,
+        });
+    }
+    Ok(())
+}
+
+/// Names: of the pair, of the lower and of the upper bound.
+pub(crate) fn bounds<const N: usize>(
+    place: Place,
+    [pair, lower_name, upper_name]: [&'static str; 3],
+    lower: &SVector<f64, N>,
+    upper: &SVector<f64, N>,
+) -> Result<(), ProblemError> {
+    for component in 0..N {
+        let (low, high) = (lower[component], upper[component]);
+        if low.is_nan() || low == f64::INFINITY {
+            let expected = "a number or -inf";
+            return Err(ProblemError::NotFinite {
+                place,
+                field: lower_name,
+                row: component,
+                column: 0,
+                expected,
+                found: low,
+            });
+        }
+        upper_limit(place, upper_name, component, high)?;
+        if low > high {
+            return Err(ProblemError::BoundsCrossed {
+                place,
+                field: pair,
+                component,
+                lower: low,
+                upper: high,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Checks finiteness and symmetry.
+pub(crate) fn symmetric<const N: usize>(
+    place: Place,
+    field: &'static str,
+    matrix: &SMatrix<f64, N, N>,
+) -> Result<(), ProblemError> {
+    finite(place, field, matrix)?;
+    let tolerance = SYMMETRY_TOLERANCE * matrix.amax();
+    for column in 0..N {
+        for row in 0..column {
+            let (found, expected) = (matrix[(row, column)], matrix[(column, row)]);
+            if (found - expected).abs() > tolerance {
+                return Err(ProblemError::NotSymmetric {
+                    place,
+                    field,
+                    row,
+                    column,
+                    expected,
+                    found,
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Lower triangular L with `L L' = matrix + rise * diag(reference)`, or the row where none exists.
+///
+/// A zero reference entry asks for a zero row, and gets a zero row in L.
+fn cholesky<const N: usize>(
+    matrix: &SMatrix<f64, N, N>,
+    reference: &SVector<f64, N>,
+    rise: f64,
+) -> Result<SMatrix<f64, N, N>, (usize, f64)> {
+    let mut l = SMatrix::<f64, N, N>::zeros();
+    for j in 0..N {
+        let diagonal = reference[j];
+        let mut pivot = matrix[(j, j)] + rise * diagonal;
+        for k in 0..j {
+            pivot -= l[(j, k)] * l[(j, k)];
+        }
+        if diagonal < 0.0 || (diagonal > 0.0 && pivot <= 0.0) {
+            return Err((j, pivot / diagonal.abs()));
+        }
+        let root = pivot.max(0.0).sqrt();
+        for i in j + 1..N {
+            let mut entry = matrix[(i, j)];
+            for k in 0..j {
+                entry -= l[(i, k)] * l[(j, k)];
+            }
+            if diagonal > 0.0 {
+                l[(i, j)] = entry / root;
+            } else if entry != 0.0 {
+                return Err((j, 0.0));
+            }
+        }
+        l[(j, j)] = root;
+    }
+    Ok(l)
+}
+
+/// The factor L of a positive semidefinite matrix, `L L' = matrix`; if singular, `L L'` has a diagonal larger by 1e-10 of itself.
+pub(crate) fn factor<const N: usize>(
+    place: Place,
+    field: &'static str,
+    matrix: &SMatrix<f64, N, N>,
+) -> Result<SMatrix<f64, N, N>, ProblemError> {
+    let diagonal = matrix.diagonal();
+    let attempt =
+        cholesky(matrix, &diagonal, 0.0).or_else(|_| cholesky(matrix, &diagonal, DIAGONAL_SLACK));
+    attempt.map_err(|(row, pivot)| ProblemError::NotPositiveSemidefinite {
+        place,
+        field,
+        row,
+        pivot,
+    })
+}
+
+/// Checks `[Q S; S' R] >= 0` through the Schur complement of R.
+pub(crate) fn joint_positive_semidefinite<const NX: usize, const NU: usize>(
+    place: Place,
+    q: &SMatrix<f64, NX, NX>,
+    r: &SMatrix<f64, NU, NU>,
+    s: &SMatrix<f64, NX, NU>,
+) -> Result<(), ProblemError> {
+    let l = factor(place, "r", r)?;
+    let mut complement = *q;
+    // Row i of W solves L w_i = (row i of S)'; then S R^-1 S' = W W'.
+    let mut w = SMatrix::<f64, NX, NU>::zeros();
+    for j in 0..NU {
+        for i in 0..NX {
+            let mut entry = s[(i, j)];
+            for k in 0..j {
+                entry -= w[(i, k)] * l[(j, k)];
+            }
+            if l[(j, j)] > 0.0 {
+                w[(i, j)] = entry / l[(j, j)];
+            } else if entry != 0.0 {
+                return Err(ProblemError::NotPositiveSemidefinite {
+                    place,
+                    field: "q, r, s",
+                    row: NX + j,
+                    pivot: 0.0,
+                });
+            }
+        }
+    }
+    if s.iter().any(|&entry| entry != 0.0) {
+        complement -= w * w.transpose();
+    }
+    cholesky(&complement, &q.diagonal(), DIAGONAL_SLACK).map_err(|(row, pivot)| {
+        ProblemError::NotPositiveSemidefinite {
+            place,
+            field: "q, r, s",
+            row,
+            pivot,
+        }
+    })?;
+    Ok(())
+}

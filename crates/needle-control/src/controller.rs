@@ -1,0 +1,98 @@
+//! The one interface of every controller: a measurement in, an input inside the limits out, on time, with its origin told.
+
+use mpc_qp::{ConstraintGroup, SolveStatus};
+use needle_model::{Input, Pose};
+use std::time::Duration;
+
+/// What is known of the needle at a sample, measured or estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Measurement {
+    /// Pose of the tip; `None` where the sample is missing.
+    pub pose: Option<Pose>,
+    /// An estimate of the needle's curvature, 1/mm, where there is one; otherwise the controller's own model holds.
+    pub curvature_per_mm: Option<f64>,
+}
+
+impl Measurement {
+    /// A measured pose and nothing else.
+    #[must_use]
+    pub fn of(pose: Pose) -> Self {
+        Self {
+            pose: Some(pose),
+            curvature_per_mm: None,
+        }
+    }
+}
+
+/// Where an input comes from. Whatever it is, the input is inside the limits, rates included.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Origin {
+    /// First input of an optimal plan.
+    Optimal,
+    /// An explicit feedback law (PID, LQR, sliding mode, feed-forward), saturated to the limits.
+    Law,
+    /// First input of an optimal plan that violates soft constraints.
+    Degraded {
+        /// The group with the largest violation.
+        softened: ConstraintGroup,
+        /// That violation, in the group's own unit.
+        violation: f64,
+    },
+    /// The plan of an earlier step, shifted: this step gave no usable answer.
+    ShiftedPlan {
+        /// Steps since that plan was made, from 1 on.
+        age: usize,
+    },
+    /// The needle is brought to rest within the rate limits.
+    Stop {
+        /// Why.
+        reason: StopReason,
+    },
+}
+
+/// Why a controller brings the needle to rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StopReason {
+    /// The end of the path is reached.
+    PathEnd,
+    /// Neither this step nor a plan that is young enough gives an input.
+    NoPlan,
+    /// No usable measurement for longer than the configuration allows.
+    NoMeasurement,
+}
+
+/// Account of the solver's work in a step; all zero for an explicit law.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SolverStatistics {
+    /// How the last solve ended, where there was one.
+    pub status: Option<SolveStatus>,
+    /// Quadratic programs solved.
+    pub solves: usize,
+    /// Iterations of all of them.
+    pub iterations: usize,
+    /// Wall time of the whole step.
+    pub time: Duration,
+}
+
+/// What a controller decides at a sample. Borrowed from the controller: nothing is allocated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControlStep<'a> {
+    /// The input to hold until the next sample.
+    pub input: Input,
+    /// Where it comes from.
+    pub origin: Origin,
+    /// Poses that the controller expects from now on, the present one first; empty for a law without a prediction.
+    pub predicted: &'a [Pose],
+    /// The solver's work.
+    pub statistics: SolverStatistics,
+}
+
+/// A controller of a bevel-tip needle.
+pub trait Controller {
+    /// Decides the input for the sample at `time_s`. Never fails: whatever the measurement, an input inside the limits
+    /// comes back and [`ControlStep::origin`] says how it came about.
+    fn step(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_>;
+
+    /// Forgets plans, integrators and progress, as if newly made.
+    fn reset(&mut self);
+}

@@ -1,0 +1,203 @@
+//! The path to follow, as a needle executes it: poses at a fixed time step, the inputs that lead from
+//! each to the next, and the arc length. Positions alone become such a path through
+//! [`crate::PositionCurve`]; this file only stores, rolls out and interpolates.
+
+use nalgebra::Vector6;
+use thiserror::Error;
+
+use crate::needle::{Input, Needle, StepError, check_step};
+use crate::pose::Pose;
+
+/// Poses g_0 .. g_n, inputs u_0 .. u_{n-1} with u_k held from g_k to g_{k+1}, and arc lengths.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReferencePath {
+    poses: Vec<Pose>,
+    inputs: Vec<Input>,
+    arc_length_mm: Vec<f64>,
+    dt_s: f64,
+}
+
+/// Why samples make no path.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum ReferencePathError {
+    /// A path needs one pose more than inputs, and at least one pose.
+    #[error("expected {expected} inputs for the poses, found {found}")]
+    InputCount {
+        /// Number of poses less one.
+        expected: usize,
+        /// Number of inputs.
+        found: usize,
+    },
+    /// No pose at all.
+    #[error("a reference path needs at least one pose")]
+    Empty,
+    /// The time step is zero.
+    #[error("the time step of a path must be positive")]
+    ZeroTimeStep,
+    /// A sample is not finite, or the time step is invalid.
+    #[error("sample {sample}: {source}")]
+    Sample {
+        /// Index of the pose or input.
+        sample: usize,
+        /// What is wrong with it.
+        source: StepError,
+    },
+}
+
+impl ReferencePath {
+    /// The path that `needle` follows from `start` under `inputs`, each held for `dt_s`.
+    ///
+    /// # Errors
+    /// [`ReferencePathError`] naming the first sample that is not finite.
+    pub fn from_inputs(
+        needle: Needle,
+        start: Pose,
+        inputs: Vec<Input>,
+        dt_s: f64,
+    ) -> Result<Self, ReferencePathError> {
+        let mut poses = Vec::with_capacity(inputs.len() + 1);
+        let mut pose = start;
+        poses.push(pose);
+        for (sample, &input) in inputs.iter().enumerate() {
+            pose = needle
+                .step(&pose, input, dt_s)
+                .map_err(|source| ReferencePathError::Sample { sample, source })?;
+            poses.push(pose);
+        }
+        Self::from_samples(poses, inputs, dt_s)
+    }
+
+    /// A path from poses and inputs as they are; they need not obey any needle's kinematics:
+    /// [`ReferencePath::largest_defect`] says how far they do.
+    ///
+    /// # Errors
+    /// [`ReferencePathError`] when counts disagree or a sample is not finite.
+    pub fn from_samples(
+        poses: Vec<Pose>,
+        inputs: Vec<Input>,
+        dt_s: f64,
+    ) -> Result<Self, ReferencePathError> {
+        let expected = poses
+            .len()
+            .checked_sub(1)
+            .ok_or(ReferencePathError::Empty)?;
+        if inputs.len() != expected {
+            return Err(ReferencePathError::InputCount {
+                expected,
+                found: inputs.len(),
+            });
+        }
+        if dt_s == 0.0 {
+            return Err(ReferencePathError::ZeroTimeStep);
+        }
+        let mut arc_length_mm = Vec::with_capacity(poses.len());
+        let mut s_mm = 0.0;
+        for (sample, pose) in poses.iter().enumerate() {
+            let input = inputs.get(sample).copied().unwrap_or(Input::ZERO);
+            check_step(pose.is_finite(), input, dt_s)
+                .map_err(|source| ReferencePathError::Sample { sample, source })?;
+            arc_length_mm.push(s_mm);
+            s_mm += input.v_mm_s.abs() * dt_s;
+        }
+        Ok(Self {
+            poses,
+            inputs,
+            arc_length_mm,
+            dt_s,
+        })
+    }
+
+    /// A path through poses, with the inputs read off the motion between neighbours: v from the
+    /// displacement along the tangent, omega from the turn about it. Exact when a needle executed
+    /// the poses; [`ReferencePath::largest_defect`] tells.
+    ///
+    /// # Errors
+    /// As [`ReferencePath::from_samples`].
+    pub fn from_poses(poses: Vec<Pose>, dt_s: f64) -> Result<Self, ReferencePathError> {
+        if dt_s == 0.0 {
+            return Err(ReferencePathError::ZeroTimeStep);
+        }
+        let inputs = poses
+            .windows(2)
+            .map(|pair| {
+                let xi = pair[1].error_from(&pair[0]) / dt_s;
+                Input {
+                    v_mm_s: xi[2],
+                    omega_rad_s: xi[5],
+                }
+            })
+            .collect();
+        Self::from_samples(poses, inputs, dt_s)
+    }
+
+    /// Poses, one more than inputs.
+    #[must_use]
+    pub fn poses(&self) -> &[Pose] {
+        &self.poses
+    }
+
+    /// Inputs; input k leads from pose k to pose k + 1.
+    #[must_use]
+    pub fn inputs(&self) -> &[Input] {
+        &self.inputs
+    }
+
+    /// Arc length at each pose, mm: the sum of |v| dt up to it.
+    #[must_use]
+    pub fn arc_length_mm(&self) -> &[f64] {
+        &self.arc_length_mm
+    }
+
+    /// Time step, s.
+    #[must_use]
+    pub fn dt_s(&self) -> f64 {
+        self.dt_s
+    }
+
+    /// Time at the last pose, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.inputs.len() as f64 * self.dt_s
+    }
+
+    /// Step nearest to a time, within the path.
+    #[must_use]
+    pub fn step_at_time(&self, time_s: f64) -> usize {
+        // The cast saturates: negative times and NaN give 0.
+        ((time_s / self.dt_s).round() as usize).min(self.inputs.len())
+    }
+
+    /// Pose at a time in s, along the screw motion between neighbours; the ends beyond.
+    #[must_use]
+    pub fn pose_at_time(&self, time_s: f64) -> Pose {
+        let position = (time_s / self.dt_s).max(0.0);
+        let k = (position as usize).min(self.inputs.len());
+        match self.poses.get(k + 1) {
+            Some(next) => {
+                let xi = next.error_from(&self.poses[k]);
+                self.poses[k].perturbed(&(xi * (position - k as f64)))
+            }
+            None => self.poses[k],
+        }
+    }
+
+    /// The step residual of largest norm (mm and rad alike) if `needle` were to execute the path, and
+    /// its step; `None` for a path of one pose.
+    ///
+    /// # Errors
+    /// [`StepError`], which no path built by this type causes.
+    pub fn largest_defect(
+        &self,
+        needle: Needle,
+    ) -> Result<Option<(usize, Vector6<f64>)>, StepError> {
+        let mut largest: Option<(usize, Vector6<f64>)> = None;
+        for (k, &input) in self.inputs.iter().enumerate() {
+            let predicted = needle.step(&self.poses[k], input, self.dt_s)?;
+            let defect = predicted.error_from(&self.poses[k + 1]);
+            if largest.is_none_or(|(_, d)| defect.norm() > d.norm()) {
+                largest = Some((k, defect));
+            }
+        }
+        Ok(largest)
+    }
+}

@@ -1,0 +1,218 @@
+//! The committed data that `--check` compares with, within a tolerance a column.
+
+use super::compute::ComputedFigure;
+use super::dataset::{self, DatasetError};
+use crate::output::{self, OutputError};
+use needle_sim::{LogRow, RunLog};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a check failed.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum GoldenError {
+    #[error("cannot read the golden data {path}")]
+    Unreadable { path: PathBuf, source: io::Error },
+    #[error("{file} is not CSV")]
+    NotCsv {
+        file: &'static str,
+        source: csv::Error,
+    },
+    #[error("{file}: the columns differ: golden {golden}, computed {computed}")]
+    Columns {
+        file: &'static str,
+        golden: String,
+        computed: String,
+    },
+    #[error("{file}: golden has {golden} rows, computed {computed}")]
+    RowCount {
+        file: &'static str,
+        golden: usize,
+        computed: usize,
+    },
+    #[error(
+        "{file}: row {row} (run {run}, step {step}), column {column}: golden {golden}, computed {computed}, \
+         tolerance {tolerance:e}"
+    )]
+    Value {
+        file: &'static str,
+        row: usize,
+        run: String,
+        step: String,
+        column: String,
+        golden: String,
+        computed: String,
+        tolerance: f64,
+    },
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/published")
+}
+
+fn path(figure: &ComputedFigure) -> PathBuf {
+    folder().join(format!("{}.csv", figure.file.stem()))
+}
+
+/// Absolute tolerance of a column; zero compares text.
+///
+/// The loop feeds every solve's error into the next. The run that reacts most, R0.01, moves by 7e-5 mm between solver
+/// tolerances of 1e-8 and 1e-10 (a test of `needle-sim` holds it below 1e-4 mm): ten times that is no rounding. A speed
+/// is a difference of positions over 0.1 s.
+fn tolerance(column: &str) -> f64 {
+    match column {
+        "x_mm" | "y_mm" | "z_mm" | "ref_x_mm" | "ref_y_mm" | "ref_z_mm" => 1e-3,
+        "v_mm_s" => 1e-2,
+        "alpha_rad" | "beta_rad" | "gamma_rad" => 1e-5,
+        "omega_rad_s" => 1e-4,
+        "time_s" => 1e-12,
+        "iterations" => 2.0,
+        _ => 0.0,
+    }
+}
+
+/// Compares every figure with its golden file; the first difference is the error.
+pub(super) fn check(figures: &[ComputedFigure]) -> Result<(), GoldenError> {
+    for figure in figures {
+        let path = path(figure);
+        let golden = fs::read(&path).map_err(|source| GoldenError::Unreadable { path, source })?;
+        compare(
+            figure.file.stem(),
+            &golden,
+            &dataset::encode(&untimed(&figure.logs))?,
+        )?;
+    }
+    Ok(())
+}
+
+/// Replaces the golden files.
+pub(super) fn bless(figures: &[ComputedFigure]) -> Result<(), GoldenError> {
+    output::make_folder(&folder())?;
+    for figure in figures {
+        output::write_whole(&path(figure), &dataset::encode(&untimed(&figure.logs))?)?;
+    }
+    Ok(())
+}
+
+/// The logs without their times, which no two runs share.
+fn untimed(logs: &[RunLog]) -> Vec<RunLog> {
+    let untimed = |row: &LogRow| LogRow {
+        solve_us: None,
+        ..row.clone()
+    };
+    logs.iter()
+        .map(|log| RunLog {
+            rows: log.rows.iter().map(untimed).collect(),
+            ..log.clone()
+        })
+        .collect()
+}
+
+fn compare(file: &'static str, golden: &[u8], computed: &[u8]) -> Result<(), GoldenError> {
+    let (golden_columns, golden) = records(file, golden)?;
+    let (columns, computed) = records(file, computed)?;
+    if golden_columns != columns {
+        let list = |columns: csv::StringRecord| columns.iter().collect::<Vec<_>>().join(",");
+        return Err(GoldenError::Columns {
+            file,
+            golden: list(golden_columns),
+            computed: list(columns),
+        });
+    }
+    for (row, (golden, computed)) in golden.iter().zip(&computed).enumerate() {
+        for ((column, golden_value), computed_value) in columns.iter().zip(golden).zip(computed) {
+            let tolerance = tolerance(column);
+            if !agree(golden_value, computed_value, tolerance) {
+                return Err(GoldenError::Value {
+                    file,
+                    row: row + 1,
+                    run: computed[0].into(),
+                    step: computed[1].into(),
+                    column: column.into(),
+                    golden: golden_value.into(),
+                    computed: computed_value.into(),
+                    tolerance,
+                });
+            }
+        }
+    }
+    match golden.len() == computed.len() {
+        true => Ok(()),
+        false => Err(GoldenError::RowCount {
+            file,
+            golden: golden.len(),
+            computed: computed.len(),
+        }),
+    }
+}
+
+fn records(
+    file: &'static str,
+    bytes: &[u8],
+) -> Result<(csv::StringRecord, Vec<csv::StringRecord>), GoldenError> {
+    let not_csv = |source| GoldenError::NotCsv { file, source };
+    let mut reader = csv::Reader::from_reader(bytes);
+    let columns = reader.headers().map_err(not_csv)?.clone();
+    let rows = reader
+        .records()
+        .collect::<Result<_, _>>()
+        .map_err(not_csv)?;
+    Ok((columns, rows))
+}
+
+fn agree(golden: &str, computed: &str, tolerance: f64) -> bool {
+    match (golden.parse::<f64>(), computed.parse::<f64>()) {
+        (Ok(golden), Ok(computed)) if tolerance > 0.0 => (golden - computed).abs() <= tolerance,
+        _ => golden == computed,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOLDEN: &str = "run,step,x_mm,status\nN8,0,1.0,\nN8,1,2.0,solved\n";
+
+    fn check_against(computed: &str) -> Result<(), GoldenError> {
+        compare("fig", GOLDEN.as_bytes(), computed.as_bytes())
+    }
+
+    #[test]
+    fn equal_data_and_differences_below_the_tolerance_pass() {
+        check_against(GOLDEN).unwrap();
+        check_against(&GOLDEN.replace("2.0", "2.0000001")).unwrap();
+    }
+
+    #[test]
+    fn the_first_row_and_column_that_differ_are_named() {
+        let error = check_against(&GOLDEN.replace("2.0", "2.5"))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("row 2 (run N8, step 1), column x_mm: golden 2.0, computed 2.5"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn status_value_row_and_column_changes_fail() {
+        for changed in ["solved_inaccurate", "NaN", ""] {
+            check_against(&GOLDEN.replace("solved", changed)).unwrap_err();
+        }
+        for changed in ["NaN", "inf", ""] {
+            check_against(&GOLDEN.replace("2.0", changed)).unwrap_err();
+        }
+        assert!(matches!(
+            check_against("run,step,x_mm,status\nN8,0,1.0,\n"),
+            Err(GoldenError::RowCount { .. })
+        ));
+        assert!(matches!(
+            check_against(&GOLDEN.replace("x_mm", "x_cm")),
+            Err(GoldenError::Columns { .. })
+        ));
+    }
+}
