@@ -8,7 +8,8 @@
 //! too weak, or where no candidate was good, to name the mode that is to blame.
 
 use crate::dense::{cholesky, cholesky_solve, identity, norm, norm_one};
-use crate::hautus::{self, UncontrollableMode, UnobservableMode};
+use crate::fixed_size::{by_states, inverse_norm_one};
+use crate::hautus::{self, Stabilisability, UncontrollableMode, UnobservableMode};
 use crate::input::{self, InputError};
 use crate::riccati::{Balanced, Candidate, Problem, indefinite};
 use crate::routes::{ACCEPTED_RESIDUAL, Attempt, Route};
@@ -37,6 +38,12 @@ pub enum DareError {
     /// A mode on or outside the unit circle that no input reaches: no gain stabilises the pair.
     #[error("not stabilisable: no input reaches {mode}")]
     NotStabilisable {
+        /// The mode.
+        mode: UncontrollableMode,
+    },
+    /// The data are conditioned so badly that their rounding decides whether a mode is reached.
+    #[error("too ill conditioned: rounding decides whether an input reaches {mode}")]
+    Undecided {
         /// The mode.
         mode: UncontrollableMode,
     },
@@ -230,10 +237,10 @@ fn accept(
     if proved < 1e-6 {
         let found = hautus::unreached_modes(&balanced.problem.a, &balanced.problem.b)
             .map_err(DareError::Spectrum)?;
-        if let Some(mode) = found.unreached.into_iter().next() {
-            return Err(DareError::NotStabilisable {
-                mode: in_original_coordinates(mode, balanced),
-            });
+        // A bound above rounding is a proof, and overrules a doubt.
+        let doubtful = proved < 16.0 * problem.states() as f64 * f64::EPSILON;
+        if !found.unreached.is_empty() || doubtful {
+            refuse_unreached(&found, balanced)?;
         }
         if found
             .weakest
@@ -291,16 +298,25 @@ fn refuse_unseen(problem: &Problem) -> Result<(), DareError> {
     }
 }
 
+fn refuse_unreached(found: &Stabilisability, balanced: &Balanced) -> Result<(), DareError> {
+    let named = |mode: &UncontrollableMode| in_original_coordinates(mode.clone(), balanced);
+    if let Some(mode) = found.unreached.first() {
+        return Err(DareError::NotStabilisable { mode: named(mode) });
+    }
+    match found.undecided.first() {
+        Some(mode) => Err(DareError::Undecided { mode: named(mode) }),
+        None => Ok(()),
+    }
+}
+
 /// Names what is wrong where no route led to a stabilising solution.
 fn diagnose(balanced: &Balanced, best: Option<&Attempt>) -> DareError {
     let problem = &balanced.problem;
     match hautus::unreached_modes(&problem.a, &problem.b) {
         Err(error) => return DareError::Spectrum(error),
         Ok(found) => {
-            if let Some(mode) = found.unreached.into_iter().next() {
-                return DareError::NotStabilisable {
-                    mode: in_original_coordinates(mode, balanced),
-                };
+            if let Err(error) = refuse_unreached(&found, balanced) {
+                return error;
             }
         }
     }
@@ -344,6 +360,9 @@ fn in_original_coordinates(
 
 /// Condition number in the one-norm.
 fn condition(p: &Mat<f64>) -> f64 {
+    if let Some(inverse) = by_states!(p.nrows(), inverse_norm_one(p)) {
+        return norm_one(p) * inverse;
+    }
     match cholesky(p) {
         Some(l) => norm_one(p) * norm_one(&cholesky_solve(&l, identity(p.nrows()))),
         None => f64::INFINITY,

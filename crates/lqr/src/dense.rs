@@ -192,18 +192,21 @@ pub(crate) fn cholesky(a: &Mat<f64>) -> Option<Mat<f64>> {
     let n = a.nrows();
     let mut l = Mat::<f64>::zeros(n, n);
     for j in 0..n {
-        let mut column: Vec<f64> = a.col_as_slice(j)[j..].to_vec();
+        l.col_as_slice_mut(j)[j..].copy_from_slice(&a.col_as_slice(j)[j..]);
         for k in 0..j {
             let s = l[(j, k)];
-            axpy(&mut column, -s, &l.col_as_slice(k)[j..]);
+            for i in j..n {
+                l[(i, j)] -= s * l[(i, k)];
+            }
         }
         // Written so that NaN is refused as well.
-        if !(column[0] > 0.0 && column[0].is_finite()) {
+        let pivot = l[(j, j)];
+        if !(pivot > 0.0 && pivot.is_finite()) {
             return None;
         }
-        let root = column[0].sqrt();
-        for (target, x) in l.col_as_slice_mut(j)[j..].iter_mut().zip(&column) {
-            *target = x / root;
+        let root = pivot.sqrt();
+        for x in &mut l.col_as_slice_mut(j)[j..] {
+            *x /= root;
         }
     }
     Some(l)

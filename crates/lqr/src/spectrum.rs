@@ -6,6 +6,8 @@
 //! have a solution but not one that bounds a trajectory.
 
 use crate::dense::{add_scaled, congruence, mul, norm};
+use crate::fixed_size::{by_states, power_sum, smith_sum};
+use crate::hessenberg_qr;
 use crate::input::{self, InputError};
 use faer::{Mat, MatRef, c64};
 
@@ -47,12 +49,29 @@ pub(crate) fn eigenvalues(a: &Mat<f64>) -> Result<Vec<c64>, SpectrumError> {
     if !(norm(a) < 1e150) {
         return Err(failed());
     }
+    if let Some(values) = small_eigenvalues(a) {
+        return Ok(values);
+    }
     let values = a.eigenvalues().map_err(|_| failed())?;
     if values.iter().all(|z| z.re.is_finite() && z.im.is_finite()) {
         Ok(values)
     } else {
         Err(failed())
     }
+}
+
+/// By the small QR iteration, on the matrix scaled to norm one; `None` where it does not apply or gives up.
+fn small_eigenvalues(a: &Mat<f64>) -> Option<Vec<c64>> {
+    let (n, size) = (a.nrows(), norm(a));
+    if n > hessenberg_qr::MAX_SIZE || !size.is_normal() {
+        return None;
+    }
+    let scaled = add_scaled(&Mat::zeros(n, n), 1.0 / size, a);
+    let mut values = hessenberg_qr::eigenvalues((0..n).map(|j| scaled.col_as_slice(j)))?;
+    for value in &mut values {
+        *value *= size;
+    }
+    Some(values)
 }
 
 pub(crate) fn largest_modulus(a: &Mat<f64>) -> Result<f64, SpectrumError> {
@@ -76,6 +95,9 @@ pub fn spectral_radius(a: MatRef<'_, f64>) -> Result<f64, SpectrumError> {
 
 /// X = A'XA + Q by squaring. `None` where the powers of A do not vanish.
 pub(crate) fn lyapunov_sum(a: &Mat<f64>, q: &Mat<f64>) -> Option<Mat<f64>> {
+    if let Some(sum) = by_states!(a.nrows(), smith_sum(a, q, MAX_SQUARINGS)) {
+        return sum;
+    }
     let mut power = a.clone();
     let mut x = q.clone();
     for _ in 0..MAX_SQUARINGS {
@@ -125,6 +147,9 @@ pub fn discrete_lyapunov(
 
 /// Bound on the sum of |A^j|, j >= 0, or infinity.
 pub(crate) fn sum_of_powers(a: &Mat<f64>) -> f64 {
+    if let Some(sum) = by_states!(a.nrows(), power_sum(a, MAX_SQUARINGS)) {
+        return sum;
+    }
     let (mut power, mut sum) = (a.clone(), 1.0);
     for _ in 0..MAX_SQUARINGS {
         let size = norm(&power);
