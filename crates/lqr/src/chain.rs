@@ -59,6 +59,12 @@ pub enum ChainError {
         /// The mode of the map over one period.
         mode: UncontrollableMode,
     },
+    /// The product of the period is conditioned so badly that its rounding decides whether a mode is reached.
+    #[error("too ill conditioned: rounding decides whether an input of the period reaches {mode}")]
+    Undecided {
+        /// The mode of the monodromy matrix.
+        mode: UncontrollableMode,
+    },
     /// The period map has no stabilising fixed point within reach.
     #[error(
         "no stabilising periodic solution: relative residual {relative_residual:e}, spectral radius of the monodromy matrix {spectral_radius}"
@@ -135,12 +141,12 @@ fn backward(problems: &[Problem], terminal: Mat<f64>) -> Result<BackwardChain, C
     let mut p = vec![terminal];
     let mut k = Vec::with_capacity(problems.len());
     for (stage, problem) in problems.iter().enumerate().rev() {
-        let (gain, before) = problem
+        let step = problem
             .backward(&p[p.len() - 1])
-            .filter(|(_, before)| norm(before).is_finite())
+            .filter(|step| norm(&step.before).is_finite())
             .ok_or(ChainError::SingularInputHessian { stage })?;
-        p.push(before);
-        k.push(gain);
+        p.push(step.before);
+        k.push(step.k);
     }
     p.reverse();
     k.reverse();
@@ -278,7 +284,7 @@ fn polished(problems: &[Problem], p: Mat<f64>) -> Option<Period> {
         if period.relative_residual <= floor {
             break;
         }
-        let Some((x, _)) = lyapunov_sum(&period.monodromy, &period.residual) else {
+        let Some(x) = lyapunov_sum(&period.monodromy, &period.residual) else {
             break;
         };
         let last = &period.chain.p[problems.len()];
@@ -315,11 +321,14 @@ fn refuse_unreached(problems: &[Problem]) -> Result<(), ChainError> {
         inputs.get_mut(.., at..at + b.ncols()).copy_from(b);
         at += b.ncols();
     }
-    match hautus::unreached_modes(&map, &inputs)
-        .ok()
-        .and_then(|found| found.unreached.into_iter().next())
-    {
-        Some(mode) => Err(ChainError::NotStabilisable { mode }),
+    let Ok(found) = hautus::unreached_modes(&map, &inputs) else {
+        return Ok(());
+    };
+    if let Some(mode) = found.unreached.into_iter().next() {
+        return Err(ChainError::NotStabilisable { mode });
+    }
+    match found.undecided.into_iter().next() {
+        Some(mode) => Err(ChainError::Undecided { mode }),
         None => Ok(()),
     }
 }

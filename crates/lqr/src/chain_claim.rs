@@ -4,10 +4,9 @@
 //! and every row of the constraints over X_i. A rate there is K_{i+1}x+ - K_i x; after the last stage its own gain is taken to go on.
 //! What follows the last set is the caller's: a terminal set certified on its own.
 
-use crate::certificate::{
-    Certificate, Check, ExactLaw, Rigour, admissibility_check, admissible, semidefinite,
-};
+use crate::certificate::{Certificate, Check, Rigour};
 use crate::chain::{BackwardChain, ChainError, Stage, validated};
+use crate::checks::{ExactLaw, admissibility_check, admissible, semidefinite};
 use crate::constraints::{Constraints, LawRow};
 use crate::dense::{add_scaled, congruence, identity, mul, norm, symmetrise};
 use crate::ellipsoid::{Ellipsoid, TerminalSetError, chain_levels};

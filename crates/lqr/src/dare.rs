@@ -7,18 +7,14 @@
 //! 1 / (|[I; K]| sum |(A + BK)^j|), and a good candidate proves it. The explicit test runs where that bound is
 //! too weak, or where no candidate was good, to name the mode that is to blame.
 
-use crate::dense::{self, cholesky, cholesky_solve, identity, norm, norm_one};
-use crate::hautus::{self, UncontrollableMode, UnobservableMode};
+use crate::dense::{cholesky, cholesky_solve, identity, norm, norm_one};
+use crate::fixed_size::{by_states, inverse_norm_one};
+use crate::hautus::{self, Stabilisability, UncontrollableMode, UnobservableMode};
 use crate::input::{self, InputError};
 use crate::riccati::{Balanced, Candidate, Problem, indefinite};
-use crate::spectrum::{self, SpectrumError, lyapunov_sum};
+use crate::routes::{ACCEPTED_RESIDUAL, Attempt, Route};
+use crate::spectrum::{self, SpectrumError};
 use faer::{Mat, MatRef};
-
-const MAX_DOUBLINGS: usize = 50;
-const MAX_POLISH_STEPS: usize = 4;
-const MAX_KLEINMAN_STEPS: usize = 100;
-/// A candidate with a larger relative residual is no solution.
-const ACCEPTED_RESIDUAL: f64 = 1e-8;
 
 /// Why there is no answer. A `Dare` never returns a P that is not the stabilising solution.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -42,6 +38,12 @@ pub enum DareError {
     /// A mode on or outside the unit circle that no input reaches: no gain stabilises the pair.
     #[error("not stabilisable: no input reaches {mode}")]
     NotStabilisable {
+        /// The mode.
+        mode: UncontrollableMode,
+    },
+    /// The data are conditioned so badly that their rounding decides whether a mode is reached.
+    #[error("too ill conditioned: rounding decides whether an input reaches {mode}")]
+    Undecided {
         /// The mode.
         mode: UncontrollableMode,
     },
@@ -202,146 +204,6 @@ impl<'a> Dare<'a> {
     }
 }
 
-/// A polished candidate and how stable its closed loop is.
-#[derive(Debug)]
-struct Attempt {
-    candidate: Candidate,
-    spectral_radius: f64,
-    iterations: usize,
-}
-
-impl Attempt {
-    fn new(candidate: Candidate, iterations: usize) -> Self {
-        let spectral_radius =
-            spectrum::largest_modulus(&candidate.closed_loop).unwrap_or(f64::INFINITY);
-        Self {
-            candidate,
-            spectral_radius,
-            iterations,
-        }
-    }
-
-    fn is_stabilising(&self) -> bool {
-        self.spectral_radius < 1.0
-            && self.candidate.relative_residual <= ACCEPTED_RESIDUAL
-            && indefinite(&self.candidate.p).is_none()
-    }
-
-    fn is_better_than(&self, other: &Self) -> bool {
-        let key = |x: &Self| (x.spectral_radius >= 1.0, x.candidate.relative_residual);
-        key(self) < key(other)
-    }
-}
-
-/// Ways to a candidate, cheapest first.
-#[derive(Debug, Clone, Copy)]
-enum Route {
-    /// Doubling on the problem as it is.
-    Doubling,
-    /// Doubling on the cost that starts one step later, for a singular R.
-    ShiftedDoubling,
-    /// Kleinman's iteration from the law of a problem whose weights see every mode.
-    Regularised,
-}
-
-impl Route {
-    fn attempts(self, problem: &Problem) -> Vec<Attempt> {
-        match self {
-            Self::Doubling => doubling(problem)
-                .and_then(|(p, steps)| polish(problem, p, steps, MAX_POLISH_STEPS))
-                .into_iter()
-                .collect(),
-            Self::ShiftedDoubling => doubling(&problem.shifted())
-                .map(|(y, steps)| (dense::add_scaled(&y, 1.0, &problem.q), steps))
-                .and_then(|(p, steps)| polish(problem, p, steps, MAX_POLISH_STEPS))
-                .into_iter()
-                .collect(),
-            Self::Regularised => regularisations(problem)
-                .iter()
-                .filter_map(|surrogate| from_surrogate(problem, surrogate))
-                .collect(),
-        }
-    }
-}
-
-/// Problems on the same pair whose weights see every mode, so that doubling finds *a* stabilising law.
-fn regularisations(problem: &Problem) -> Vec<Problem> {
-    let (n, m) = (problem.states(), problem.b.ncols());
-    let eye = identity(n);
-    let q_size = norm(&problem.q);
-    let mut found = Vec::new();
-    if q_size > 0.0 {
-        found.push(Problem {
-            q: dense::add_scaled(&problem.q, q_size, &eye),
-            ..problem.clone()
-        });
-    }
-    let column_sizes: Vec<f64> = (0..m)
-        .map(|j| problem.b.col_as_slice(j).iter().map(|x| x * x).sum::<f64>())
-        .map(|square| if square > 0.0 { square } else { 1.0 })
-        .collect();
-    for effort in [1.0, 1e-8, 1e8] {
-        let r = Mat::from_fn(m, m, |i, j| {
-            if i == j {
-                effort * column_sizes[i]
-            } else {
-                0.0
-            }
-        });
-        found.push(Problem {
-            q: eye.clone(),
-            r,
-            s: None,
-            ..problem.clone()
-        });
-    }
-    found
-}
-
-fn doubling(problem: &Problem) -> Option<(Mat<f64>, usize)> {
-    problem.stage_map()?.fixed_point(MAX_DOUBLINGS)
-}
-
-fn from_surrogate(problem: &Problem, surrogate: &Problem) -> Option<Attempt> {
-    let (p, steps) = doubling(surrogate)?;
-    let k = surrogate.gain(&p)?;
-    // The cost of that law under the true weights starts Kleinman's monotone iteration.
-    let (cost, _) = lyapunov_sum(&problem.closed_loop(&k), &problem.stage_cost(&k))?;
-    polish(problem, cost, steps + 1, MAX_KLEINMAN_STEPS)
-}
-
-/// Newton steps P + X, X = A_K'XA_K + residual, for as long as they help.
-fn polish(
-    problem: &Problem,
-    p: Mat<f64>,
-    mut iterations: usize,
-    max_steps: usize,
-) -> Option<Attempt> {
-    let mut candidate = problem.evaluate(p)?;
-    // Below this the residual is that of rounding P itself.
-    let floor = problem.states() as f64 * f64::EPSILON;
-    for _ in 0..max_steps {
-        if candidate.relative_residual <= floor {
-            break;
-        }
-        let Some((x, _)) = lyapunov_sum(&candidate.closed_loop, &candidate.residual) else {
-            break;
-        };
-        let mut p = dense::add_scaled(&candidate.p, 1.0, &x);
-        dense::symmetrise(&mut p);
-        iterations += 1;
-        match problem.evaluate(p) {
-            Some(next) if next.relative_residual < 0.5 * candidate.relative_residual => {
-                candidate = next
-            }
-            // Far from the solution the residual may rise for a step; near it a rise is rounding.
-            Some(next) if candidate.relative_residual > 1e-6 => candidate = next,
-            _ => break,
-        }
-    }
-    Some(Attempt::new(candidate, iterations))
-}
-
 fn accept(
     problem: &Problem,
     balanced: &Balanced,
@@ -357,6 +219,14 @@ fn accept(
     let Some(restored) = problem.evaluate(p) else {
         return Err(DareError::SingularInputHessian);
     };
+    // The routes judge in balanced coordinates; what is reported and promised is the caller's.
+    let relative_residual = restored.relative_residual;
+    if relative_residual > ACCEPTED_RESIDUAL {
+        return Err(DareError::NoConvergence {
+            relative_residual,
+            spectral_radius,
+        });
+    }
     let mut losses = Vec::new();
     if spectral_radius > 0.999 {
         losses.push(NearLoss::SlowClosedLoop);
@@ -367,10 +237,10 @@ fn accept(
     if proved < 1e-6 {
         let found = hautus::unreached_modes(&balanced.problem.a, &balanced.problem.b)
             .map_err(DareError::Spectrum)?;
-        if let Some(mode) = found.unreached.into_iter().next() {
-            return Err(DareError::NotStabilisable {
-                mode: in_original_coordinates(mode, balanced),
-            });
+        // A bound above rounding is a proof, and overrules a doubt.
+        let doubtful = proved < 16.0 * problem.states() as f64 * f64::EPSILON;
+        if !found.unreached.is_empty() || doubtful {
+            refuse_unreached(&found, balanced)?;
         }
         if found
             .weakest
@@ -428,16 +298,25 @@ fn refuse_unseen(problem: &Problem) -> Result<(), DareError> {
     }
 }
 
+fn refuse_unreached(found: &Stabilisability, balanced: &Balanced) -> Result<(), DareError> {
+    let named = |mode: &UncontrollableMode| in_original_coordinates(mode.clone(), balanced);
+    if let Some(mode) = found.unreached.first() {
+        return Err(DareError::NotStabilisable { mode: named(mode) });
+    }
+    match found.undecided.first() {
+        Some(mode) => Err(DareError::Undecided { mode: named(mode) }),
+        None => Ok(()),
+    }
+}
+
 /// Names what is wrong where no route led to a stabilising solution.
 fn diagnose(balanced: &Balanced, best: Option<&Attempt>) -> DareError {
     let problem = &balanced.problem;
     match hautus::unreached_modes(&problem.a, &problem.b) {
         Err(error) => return DareError::Spectrum(error),
         Ok(found) => {
-            if let Some(mode) = found.unreached.into_iter().next() {
-                return DareError::NotStabilisable {
-                    mode: in_original_coordinates(mode, balanced),
-                };
+            if let Err(error) = refuse_unreached(&found, balanced) {
+                return error;
             }
         }
     }
@@ -481,6 +360,9 @@ fn in_original_coordinates(
 
 /// Condition number in the one-norm.
 fn condition(p: &Mat<f64>) -> f64 {
+    if let Some(inverse) = by_states!(p.nrows(), inverse_norm_one(p)) {
+        return norm_one(p) * inverse;
+    }
     match cholesky(p) {
         Some(l) => norm_one(p) * norm_one(&cholesky_solve(&l, identity(p.nrows()))),
         None => f64::INFINITY,

@@ -17,38 +17,64 @@ fn dot(x: &[f64], y: &[f64]) -> f64 {
     x.iter().zip(y).map(|(x, y)| x * y).sum()
 }
 
+/// Entries that fit the copy of a left factor on the stack: eight states.
+const STACK: usize = 64;
+
+/// Hands the columns of `a` to `product` as one slice: a column's view costs as much as a product with it.
+fn with_columns<T>(a: &Mat<f64>, product: impl FnOnce(&[f64]) -> T) -> T {
+    let (rows, size) = (a.nrows(), a.nrows() * a.ncols());
+    let (mut stack, mut heap) = ([0.0; STACK], Vec::new());
+    let copy = if size <= STACK {
+        &mut stack[..size]
+    } else {
+        heap.resize(size, 0.0);
+        &mut heap[..]
+    };
+    for k in 0..a.ncols() {
+        copy[k * rows..(k + 1) * rows].copy_from_slice(a.col_as_slice(k));
+    }
+    product(copy)
+}
+
 /// `a b`.
 pub(crate) fn mul(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
     debug_assert_eq!(a.ncols(), b.nrows());
-    let mut c = Mat::zeros(a.nrows(), b.ncols());
-    for j in 0..b.ncols() {
-        let (y, x) = (c.col_as_slice_mut(j), b.col_as_slice(j));
-        for (k, &s) in x.iter().enumerate() {
-            axpy(y, s, a.col_as_slice(k));
+    let rows = a.nrows();
+    let mut c = Mat::zeros(rows, b.ncols());
+    with_columns(a, |columns| {
+        for j in 0..b.ncols() {
+            let y = c.col_as_slice_mut(j);
+            for (column, &s) in columns.chunks_exact(rows).zip(b.col_as_slice(j)) {
+                axpy(y, s, column);
+            }
         }
-    }
+    });
     c
 }
 
 /// `a' b`.
 pub(crate) fn tr_mul(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
     debug_assert_eq!(a.nrows(), b.nrows());
-    Mat::from_fn(a.ncols(), b.ncols(), |i, j| {
-        dot(a.col_as_slice(i), b.col_as_slice(j))
-    })
+    let rows = a.nrows();
+    let mut c = Mat::zeros(a.ncols(), b.ncols());
+    with_columns(a, |columns| {
+        for j in 0..b.ncols() {
+            let x = b.col_as_slice(j);
+            for (y, column) in c
+                .col_as_slice_mut(j)
+                .iter_mut()
+                .zip(columns.chunks_exact(rows))
+            {
+                *y = dot(column, x);
+            }
+        }
+    });
+    c
 }
 
 /// `a b'`.
 pub(crate) fn mul_tr(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
-    debug_assert_eq!(a.ncols(), b.ncols());
-    let mut c = Mat::zeros(a.nrows(), b.nrows());
-    for k in 0..a.ncols() {
-        let (x, row) = (a.col_as_slice(k), b.col_as_slice(k));
-        for (j, &s) in row.iter().enumerate() {
-            axpy(c.col_as_slice_mut(j), s, x);
-        }
-    }
-    c
+    mul(a, &b.transpose().to_owned())
 }
 
 /// `a' w a` for symmetric `w`, symmetric to the last bit.
@@ -166,18 +192,21 @@ pub(crate) fn cholesky(a: &Mat<f64>) -> Option<Mat<f64>> {
     let n = a.nrows();
     let mut l = Mat::<f64>::zeros(n, n);
     for j in 0..n {
-        let mut column: Vec<f64> = a.col_as_slice(j)[j..].to_vec();
+        l.col_as_slice_mut(j)[j..].copy_from_slice(&a.col_as_slice(j)[j..]);
         for k in 0..j {
             let s = l[(j, k)];
-            axpy(&mut column, -s, &l.col_as_slice(k)[j..]);
+            for i in j..n {
+                l[(i, j)] -= s * l[(i, k)];
+            }
         }
         // Written so that NaN is refused as well.
-        if !(column[0] > 0.0 && column[0].is_finite()) {
+        let pivot = l[(j, j)];
+        if !(pivot > 0.0 && pivot.is_finite()) {
             return None;
         }
-        let root = column[0].sqrt();
-        for (target, x) in l.col_as_slice_mut(j)[j..].iter_mut().zip(&column) {
-            *target = x / root;
+        let root = pivot.sqrt();
+        for x in &mut l.col_as_slice_mut(j)[j..] {
+            *x /= root;
         }
     }
     Some(l)

@@ -5,6 +5,7 @@
 //! zero terminal weight the limit is the minimal solution, which is the stabilising one unless Q misses an unstable mode.
 
 use crate::dense::{add_scaled, identity, mul, mul_tr, norm, solve, symmetrise, tr_mul};
+use crate::fixed_size::{by_states, doubling as small_doubling};
 use faer::Mat;
 
 /// The map X -> H + A'X(I + GX)^-1 A; G and H symmetric, all n x n.
@@ -45,6 +46,10 @@ impl StageMap {
 
     /// Limit of H under repeated doubling and the number of doublings; `None` where it does not settle.
     pub(crate) fn fixed_point(mut self, max_doublings: usize) -> Option<(Mat<f64>, usize)> {
+        let (a, g, h) = (&self.a, &self.g, &self.h);
+        if let Some(limit) = by_states!(a.nrows(), small_doubling(a, g, h, max_doublings)) {
+            return limit;
+        }
         for doubling in 1..=max_doublings {
             let next = self.then(&self)?;
             let (change, size) = (norm(&add_scaled(&next.h, -1.0, &self.h)), norm(&next.h));

@@ -29,6 +29,19 @@ pub struct UncontrollableMode {
     pub measure: f64,
     /// A measure below this counts as zero.
     pub tolerance: f64,
+    /// Largest entry of |w*(A - lambda I)| and |w*B|, each relative to the length of its column (balanced
+    /// coordinates in a solver's error): columns changed by this fraction have exactly this mode.
+    pub column_change: f64,
+}
+
+impl UncontrollableMode {
+    /// Whether rounding of the given columns alone hides the input's effect: then no computation in double
+    /// precision can tell the pair from one that this mode makes not stabilisable.
+    #[must_use]
+    pub fn is_certain(&self) -> bool {
+        self.measure < self.tolerance
+            && self.column_change < 4.0 * self.left_eigenvector.len() as f64 * f64::EPSILON
+    }
 }
 
 /// A mode on the unit circle that the state weight does not see, up to the tolerance.
@@ -89,18 +102,22 @@ fn direction(v: &[c64]) -> String {
 /// What [`stabilisability`] found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stabilisability {
-    /// Modes with |lambda| >= 1 that no input reaches. Empty: stabilisable.
+    /// Modes with |lambda| >= 1 that no input reaches, for certain: no change beyond rounding of the entries separates
+    /// the pair from one that has them.
     pub unreached: Vec<UncontrollableMode>,
+    /// Modes whose measure is below the tolerance although the entries, as they stand, say otherwise: coordinates
+    /// so skewed that the pair's rounding errors decide.
+    pub undecided: Vec<UncontrollableMode>,
     /// The mode with the smallest measure among those that need an input, reached or not; `None` when
     /// every eigenvalue lies well inside the unit circle.
     pub weakest: Option<UncontrollableMode>,
 }
 
 impl Stabilisability {
-    /// Whether some gain K makes A + BK stable, up to the tolerance.
+    /// Whether some gain K makes A + BK stable, beyond doubt.
     #[must_use]
     pub fn is_stabilisable(&self) -> bool {
-        self.unreached.is_empty()
+        self.unreached.is_empty() && self.undecided.is_empty()
     }
 }
 
@@ -156,8 +173,10 @@ pub(crate) fn unreached_modes(
         .min_by(|x, y| x.measure.total_cmp(&y.measure))
         .cloned();
     modes.retain(|mode| mode.measure < mode.tolerance);
+    let (unreached, undecided) = modes.into_iter().partition(UncontrollableMode::is_certain);
     Ok(Stabilisability {
-        unreached: modes,
+        unreached,
+        undecided,
         weakest,
     })
 }
@@ -253,10 +272,34 @@ impl<'a> Search<'a> {
         };
         UncontrollableMode {
             eigenvalue,
+            column_change: self.column_change(eigenvalue, &left_eigenvector),
             left_eigenvector,
             measure,
             tolerance: self.tolerance,
         }
+    }
+
+    fn column_change(&self, eigenvalue: c64, w: &[c64]) -> f64 {
+        let mut largest = 0.0_f64;
+        for (matrix, moved) in [(self.a, true), (&self.columns, false)] {
+            for j in 0..matrix.ncols() {
+                let column = matrix.col_as_slice(j);
+                let mut sum = c64::new(0.0, 0.0);
+                let mut length = column.iter().map(|x| x * x).sum::<f64>().sqrt();
+                for (w, &x) in w.iter().zip(column) {
+                    sum += w.conj() * x;
+                }
+                if moved {
+                    sum -= w[j].conj() * eigenvalue;
+                    length += eigenvalue.re.hypot(eigenvalue.im);
+                }
+                let size = sum.re.hypot(sum.im);
+                if size > 0.0 {
+                    largest = largest.max(size / length);
+                }
+            }
+        }
+        largest
     }
 
     fn descend(&self, start: c64) -> UncontrollableMode {

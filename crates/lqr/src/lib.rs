@@ -3,27 +3,31 @@
 mod certificate;
 mod chain;
 mod chain_claim;
+mod checks;
 mod constraints;
 mod dare;
 mod dense;
 mod doubling;
 mod ellipsoid;
 mod exact;
+mod fixed_size;
 mod hautus;
+mod hessenberg_qr;
 mod input;
 mod max_volume;
 mod polytope;
+mod rate_augmented;
 mod riccati;
+mod routes;
 mod simplex;
 mod spectrum;
 mod subspace;
+mod terminal_claim;
 
-pub use certificate::{Certificate, Check, Rigour, TerminalClaim, Witness};
+pub use certificate::{Certificate, Check, Rigour, Witness};
 pub use chain::{BackwardChain, ChainError, PeriodicSolution, Stage};
 pub use chain_claim::{ChainClaim, ChainClaimError};
-pub use constraints::{
-    Constraint, ConstraintError, ConstraintKind, Constraints, LawRow, RateAugmented,
-};
+pub use constraints::{Constraint, ConstraintError, ConstraintKind, Constraints, LawRow};
 pub use dare::{Conditioning, Dare, DareError, DareSolution, NearLoss};
 pub use ellipsoid::{Ellipsoid, LevelReason, TerminalSetError, chain_levels};
 pub use hautus::{
@@ -32,5 +36,7 @@ pub use hautus::{
 pub use input::InputError;
 pub use max_volume::largest_volume_ellipsoid;
 pub use polytope::{AdmissibleSet, Determination, SetRow};
+pub use rate_augmented::RateAugmented;
 pub use spectrum::{SpectrumError, discrete_lyapunov, spectral_radius};
 pub use subspace::{ControllableSubspace, controllable_subspace};
+pub use terminal_claim::TerminalClaim;

@@ -79,11 +79,11 @@ fn strictly_feasible(
     let seen = limits.iter().fold(Mat::zeros(n, n), |sum: Mat<f64>, f| {
         add_scaled(&sum, 1.0, &mul_tr(f, f))
     });
-    let (seen, _) = lyapunov_sum(a, &seen).ok_or_else(unstable)?;
+    let seen = lyapunov_sum(a, &seen).ok_or_else(unstable)?;
     let factor = cholesky(&seen).ok_or(TerminalSetError::NotPositiveDefinite)?;
     // Stationary covariance of noise in the shape of the constraints: invariant, and adapted to their units.
     let noise = cholesky_solve(&factor, identity(n));
-    let (mut w, _) = lyapunov_sum(&a.transpose().to_owned(), &noise).ok_or_else(unstable)?;
+    let mut w = lyapunov_sum(&a.transpose().to_owned(), &noise).ok_or_else(unstable)?;
     let worst = limits
         .iter()
         .map(|f| tr_mul(f, &mul(&w, f))[(0, 0)])

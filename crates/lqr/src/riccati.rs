@@ -10,6 +10,9 @@ use crate::dense::{
     tr_mul,
 };
 use crate::doubling::StageMap;
+use crate::fixed_size::{
+    Step, backward as small_backward, by_states, by_states_and_inputs, is_definite,
+};
 use faer::{Mat, Side};
 
 /// Data of x+ = Ax + Bu with cost x'Qx + 2x'Su + u'Ru: A n x n, B n x m, Q n x n, R m x m, S n x m.
@@ -72,29 +75,32 @@ impl Problem {
         cost
     }
 
-    /// One backward step in Joseph form: the gain for the cost-to-go `p` and the cost before it.
-    pub(crate) fn backward(&self, p: &Mat<f64>) -> Option<(Mat<f64>, Mat<f64>)> {
+    /// One backward step in Joseph form from the cost-to-go `p`; `None` where R + B'PB is not positive definite.
+    pub(crate) fn backward(&self, p: &Mat<f64>) -> Option<Step> {
+        let (n, m) = (self.states(), self.b.ncols());
+        if let Some(step) = by_states_and_inputs!(n, m, small_backward(self, p)) {
+            return step;
+        }
         let k = self.gain(p)?;
-        let next = add_scaled(
-            &self.stage_cost(&k),
-            1.0,
-            &congruence(&self.closed_loop(&k), p),
-        );
-        Some((k, next))
+        let closed_loop = self.closed_loop(&k);
+        let before = add_scaled(&self.stage_cost(&k), 1.0, &congruence(&closed_loop, p));
+        Some(Step {
+            k,
+            closed_loop,
+            before,
+        })
     }
 
     pub(crate) fn evaluate(&self, p: Mat<f64>) -> Option<Candidate> {
-        let k = self.gain(&p)?;
-        let closed_loop = self.closed_loop(&k);
-        let right = add_scaled(&self.stage_cost(&k), 1.0, &congruence(&closed_loop, &p));
-        let residual = add_scaled(&right, -1.0, &p);
+        let step = self.backward(&p)?;
+        let residual = add_scaled(&step.before, -1.0, &p);
         let scale = norm(&p).max(norm(&self.q));
         let size = norm(&residual);
         let relative_residual = if size == 0.0 { 0.0 } else { size / scale };
         relative_residual.is_finite().then_some(Candidate {
             p,
-            k,
-            closed_loop,
+            k: step.k,
+            closed_loop: step.closed_loop,
             residual,
             relative_residual,
         })
@@ -166,7 +172,11 @@ pub(crate) fn negate(a: &mut Mat<f64>) {
 /// The least eigenvalue and the tolerance if `w` is indefinite beyond rounding, else `None`.
 pub(crate) fn indefinite(w: &Mat<f64>) -> Option<(f64, f64)> {
     let tolerance = 1e-12 * w.nrows() as f64 * max_abs(w.as_ref());
-    if tolerance == 0.0 || cholesky(&add_scaled(w, tolerance, &identity(w.nrows()))).is_some() {
+    let definite = || match by_states!(w.nrows(), is_definite(w, tolerance)) {
+        Some(definite) => definite,
+        None => cholesky(&add_scaled(w, tolerance, &identity(w.nrows()))).is_some(),
+    };
+    if tolerance == 0.0 || definite() {
         return None;
     }
     let least = w
@@ -224,20 +234,18 @@ impl Balanced {
                 }
             }
         }
-        let scaled = |w: &Mat<f64>, row: &dyn Fn(usize) -> f64, col: &dyn Fn(usize) -> f64| {
-            Mat::from_fn(w.nrows(), w.ncols(), |i, j| w[(i, j)] * row(i) * col(j))
-        };
-        let (up, down, one) = (|i: usize| t[i], |i: usize| 1.0 / t[i], |_: usize| 1.0);
-        let by_cost = |_: usize| 1.0 / cost_scale;
+        let down: Vec<f64> = t.iter().map(|t| 1.0 / t).collect();
+        let up: Vec<f64> = t.iter().map(|t| t / cost_scale).collect();
+        let (one, by_cost) = (
+            vec![1.0; problem.b.ncols()],
+            vec![1.0 / cost_scale; problem.b.ncols()],
+        );
         let balanced = Problem {
-            a: scaled(&problem.a, &down, &up),
+            a: scaled(&problem.a, &down, &t),
             b: scaled(&problem.b, &down, &one),
-            q: scaled(&problem.q, &|i| t[i] / cost_scale, &up),
+            q: scaled(&problem.q, &up, &t),
             r: scaled(&problem.r, &by_cost, &one),
-            s: problem
-                .s
-                .as_ref()
-                .map(|s| scaled(s, &|i| t[i] / cost_scale, &one)),
+            s: problem.s.as_ref().map(|s| scaled(s, &up, &one)),
         };
         Self {
             problem: balanced,
@@ -253,6 +261,17 @@ impl Balanced {
             p[(i, j)] * self.cost_scale / t[i] / t[j]
         })
     }
+}
+
+/// diag(rows) w diag(cols).
+fn scaled(w: &Mat<f64>, rows: &[f64], cols: &[f64]) -> Mat<f64> {
+    let mut w = w.clone();
+    for (j, col) in cols.iter().enumerate() {
+        for (x, row) in w.col_as_slice_mut(j).iter_mut().zip(rows) {
+            *x *= row * col;
+        }
+    }
+    w
 }
 
 /// The power of two next to `x`; 1 where `x` has none in range.

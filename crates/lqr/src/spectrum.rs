@@ -5,7 +5,9 @@
 //! keeps X symmetric and, for Q >= 0, semidefinite. It leaves out unstable A, where the equation may
 //! have a solution but not one that bounds a trajectory.
 
-use crate::dense::{add_scaled, congruence, identity, mul, norm};
+use crate::dense::{add_scaled, congruence, mul, norm};
+use crate::fixed_size::{by_states, power_sum, smith_sum};
+use crate::hessenberg_qr;
 use crate::input::{self, InputError};
 use faer::{Mat, MatRef, c64};
 
@@ -47,12 +49,29 @@ pub(crate) fn eigenvalues(a: &Mat<f64>) -> Result<Vec<c64>, SpectrumError> {
     if !(norm(a) < 1e150) {
         return Err(failed());
     }
+    if let Some(values) = small_eigenvalues(a) {
+        return Ok(values);
+    }
     let values = a.eigenvalues().map_err(|_| failed())?;
     if values.iter().all(|z| z.re.is_finite() && z.im.is_finite()) {
         Ok(values)
     } else {
         Err(failed())
     }
+}
+
+/// By the small QR iteration, on the matrix scaled to norm one; `None` where it does not apply or gives up.
+fn small_eigenvalues(a: &Mat<f64>) -> Option<Vec<c64>> {
+    let (n, size) = (a.nrows(), norm(a));
+    if n > hessenberg_qr::MAX_SIZE || !size.is_normal() {
+        return None;
+    }
+    let scaled = add_scaled(&Mat::zeros(n, n), 1.0 / size, a);
+    let mut values = hessenberg_qr::eigenvalues((0..n).map(|j| scaled.col_as_slice(j)))?;
+    for value in &mut values {
+        *value *= size;
+    }
+    Some(values)
 }
 
 pub(crate) fn largest_modulus(a: &Mat<f64>) -> Result<f64, SpectrumError> {
@@ -74,23 +93,21 @@ pub fn spectral_radius(a: MatRef<'_, f64>) -> Result<f64, SpectrumError> {
     largest_modulus(&input::matrix("A", a, (a.nrows(), a.nrows()))?)
 }
 
-/// X = A'XA + Q by squaring, with a bound on the sum of |A^j| over all j >= 0.
-///
-/// `None` where the powers of A do not vanish.
-pub(crate) fn lyapunov_sum(a: &Mat<f64>, q: &Mat<f64>) -> Option<(Mat<f64>, f64)> {
+/// X = A'XA + Q by squaring. `None` where the powers of A do not vanish.
+pub(crate) fn lyapunov_sum(a: &Mat<f64>, q: &Mat<f64>) -> Option<Mat<f64>> {
+    if let Some(sum) = by_states!(a.nrows(), smith_sum(a, q, MAX_SQUARINGS)) {
+        return sum;
+    }
     let mut power = a.clone();
     let mut x = q.clone();
-    // sum |A^j| <= prod (1 + |A^(2^i)|) over i, closed by a geometric tail.
-    let mut sum_of_powers = 1.0;
     for _ in 0..MAX_SQUARINGS {
         let size = norm(&power);
         if !size.is_finite() || size > 1e120 {
             return None;
         }
-        sum_of_powers *= 1.0 + size;
         x = add_scaled(&x, 1.0, &congruence(&power, &x));
         if size < 1e-9 {
-            return (norm(&x).is_finite()).then_some((x, sum_of_powers));
+            return norm(&x).is_finite().then_some(x);
         }
         power = mul(&power, &power);
     }
@@ -119,16 +136,29 @@ pub fn discrete_lyapunov(
     if spectral_radius >= 1.0 {
         return Err(unstable);
     }
-    let (x, _) = lyapunov_sum(&a, &q).ok_or(unstable)?;
+    let x = lyapunov_sum(&a, &q).ok_or(unstable)?;
     // One step of refinement: the sum has rounding of every squaring, its residual does not.
     let residual = add_scaled(&add_scaled(&congruence(&a, &x), -1.0, &x), 1.0, &q);
     Ok(match lyapunov_sum(&a, &residual) {
-        Some((correction, _)) => add_scaled(&x, 1.0, &correction),
+        Some(correction) => add_scaled(&x, 1.0, &correction),
         None => x,
     })
 }
 
 /// Bound on the sum of |A^j|, j >= 0, or infinity.
 pub(crate) fn sum_of_powers(a: &Mat<f64>) -> f64 {
-    lyapunov_sum(a, &identity(a.nrows())).map_or(f64::INFINITY, |(_, sum)| sum)
+    if let Some(sum) = by_states!(a.nrows(), power_sum(a, MAX_SQUARINGS)) {
+        return sum;
+    }
+    let (mut power, mut sum) = (a.clone(), 1.0);
+    for _ in 0..MAX_SQUARINGS {
+        let size = norm(&power);
+        // The product of the remaining factors is below 1 / (1 - size).
+        if size < 1e-3 {
+            return sum / (1.0 - 2.0 * size);
+        }
+        sum *= 1.0 + size;
+        power = mul(&power, &power);
+    }
+    f64::INFINITY
 }
