@@ -6,9 +6,9 @@
 
 use nalgebra::{Matrix3x6, Matrix6, Matrix6x2, Vector3, Vector6};
 
-use crate::needle::{Input, Needle, StepError};
+use crate::needle::{Input, Needle, StepError, finite};
 use crate::pose::Pose;
-use crate::se3::{adjoint, hat, left_jacobian, left_jacobian_inverse};
+use crate::se3::{adjoint, hat, left_jacobian_inverse};
 
 /// Residual log(target^-1 f(pose, input)) of one step, and its Jacobians.
 ///
@@ -47,7 +47,7 @@ pub struct PointResidual {
     pub by_pose: Matrix3x6<f64>,
 }
 
-/// The linearised step solved for the next pose: delta_{k+1} = a delta_k + b delta_u + c, with
+/// The linearised step to the next pose: delta_{k+1} = a delta_k + b delta_u + c, with
 /// perturbations of the poses of an iterate. This is the form that stage-wise solvers take.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinearisedStep {
@@ -60,14 +60,17 @@ pub struct LinearisedStep {
 }
 
 impl StepResidual {
-    /// Solves the linearised residual for the perturbation of the target.
+    /// The step as a map of perturbations: target exp(delta_{k+1}) is where the perturbed step ends.
+    ///
+    /// delta_{k+1} = log(target^-1 f(pose exp(delta_k), input + delta_u)) is the residual itself as a
+    /// function of pose and input, so its derivatives are `by_pose` and `by_input`, exact to first
+    /// order at a defect of any size. (Putting the *linearised* residual to zero by `by_target` would
+    /// give J_l(value) in front of both, which agrees only when the defect vanishes.)
     #[must_use]
     pub fn solved_for_target(&self) -> LinearisedStep {
-        // -by_target^-1 = J_l(value), and J_l(value) value = value.
-        let left = left_jacobian(&self.value);
         LinearisedStep {
-            a: left * self.by_pose,
-            b: left * self.by_input,
+            a: self.by_pose,
+            b: self.by_input,
             c: self.value,
         }
     }
@@ -77,7 +80,8 @@ impl Needle {
     /// Residual of a step against a planned pose `target`.
     ///
     /// # Errors
-    /// [`StepError`] when a pose or the input is not finite, or the time step is negative.
+    /// [`StepError`] when a pose or the input is not finite, the time step is negative, or something
+    /// overflows.
     pub fn step_residual(
         &self,
         pose: &Pose,
@@ -92,20 +96,27 @@ impl Needle {
             by_pose: outer,
             by_reference: by_target,
         } = pose_residual(&predicted, target)?;
-        Ok(StepResidual {
+        let residual = StepResidual {
             value,
             by_pose: outer * jacobians.a,
             by_input: outer * jacobians.b,
             by_target,
             by_curvature: outer * jacobians.curvature,
-        })
+        };
+        let sums = [
+            residual.by_pose.sum(),
+            residual.by_input.sum(),
+            residual.by_curvature.sum(),
+        ];
+        finite(residual, sums)
     }
 }
 
 /// Residual of a pose against a reference pose.
 ///
 /// # Errors
-/// [`StepError::NonFiniteState`] when one of them is not finite.
+/// [`StepError::NonFiniteState`] when one of them is not finite, [`StepError::Overflow`] when they are
+/// too far apart to compare.
 pub fn pose_residual(pose: &Pose, reference: &Pose) -> Result<PoseResidual, StepError> {
     if !(pose.is_finite() && reference.is_finite()) {
         return Err(StepError::NonFiniteState);
@@ -113,12 +124,14 @@ pub fn pose_residual(pose: &Pose, reference: &Pose) -> Result<PoseResidual, Step
     let relative = reference.relative(pose);
     let value = relative.log();
     let left_inverse = left_jacobian_inverse(&value);
-    Ok(PoseResidual {
+    let residual = PoseResidual {
         value,
         // J_r(xi)^-1 = J_l(xi)^-1 Ad(exp xi): one Jacobian serves both.
         by_pose: left_inverse * adjoint(&relative),
         by_reference: -left_inverse,
-    })
+    };
+    let sums = [value.sum(), residual.by_pose.sum(), left_inverse.sum()];
+    finite(residual, sums)
 }
 
 /// Residual position - target, mm, in the world frame.
