@@ -114,8 +114,11 @@ impl EulerState {
     /// triples of a rotation is taken, so that a sampled trajectory stays continuous.
     ///
     /// # Errors
-    /// As [`EulerState::from_pose`].
+    /// As [`EulerState::from_pose`], and [`StepError::NonFiniteState`] when `previous` is not finite.
     pub fn from_pose_near(pose: &Pose, previous: &Self) -> Result<Self, ChartError> {
+        if !previous.to_vector().sum().is_finite() {
+            return Err(StepError::NonFiniteState.into());
+        }
         let principal = Self::from_pose(pose)?;
         let flipped = Self {
             alpha_rad: principal.alpha_rad + PI,

@@ -6,7 +6,7 @@ use nalgebra::{Matrix6, Matrix6x2, Vector6};
 
 use crate::chart::{ChartError, EulerState};
 use crate::euler_plant::{EulerIntegrator, EulerPlant};
-use crate::needle::{Input, check_step};
+use crate::needle::{Input, check_step, finite};
 
 /// Derivatives in the chart, in the order (x, y, z, alpha, beta, gamma), mm and rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,6 +15,13 @@ pub struct EulerJacobians {
     pub a: Matrix6<f64>,
     /// 6x2, by (v in mm/s, omega in rad/s).
     pub b: Matrix6x2<f64>,
+}
+
+impl EulerJacobians {
+    /// Refuses entries that overflowed.
+    pub(crate) fn checked(self) -> Result<Self, ChartError> {
+        Ok(finite(self, [self.a.sum(), self.b.sum()])?)
+    }
 }
 
 impl EulerPlant {
@@ -55,10 +62,11 @@ impl EulerPlant {
             -kappa * cg * tb,
         );
         let by_omega = Vector6::ith(5, 1.0);
-        Ok(EulerJacobians {
+        EulerJacobians {
             a,
             b: Matrix6x2::from_columns(&[by_v, by_omega]),
-        })
+        }
+        .checked()
     }
 
     /// Derivatives of [`EulerPlant::step`], exact for the plant's integrator.
@@ -72,17 +80,18 @@ impl EulerPlant {
         dt_s: f64,
     ) -> Result<EulerJacobians, ChartError> {
         check_step(true, input, dt_s)?;
-        match self.integrator {
+        let jacobians = match self.integrator {
             EulerIntegrator::ForwardEuler => {
                 let f = self.rate_jacobians(state, input)?;
-                Ok(EulerJacobians {
+                EulerJacobians {
                     a: Matrix6::identity() + f.a * dt_s,
                     b: f.b * dt_s,
-                })
+                }
             }
-            EulerIntegrator::PaperOrder => self.paper_order_jacobians(state, input, dt_s),
-            EulerIntegrator::Rk4 => self.rk4_jacobians(state, input, dt_s),
-        }
+            EulerIntegrator::PaperOrder => self.paper_order_jacobians(state, input, dt_s)?,
+            EulerIntegrator::Rk4 => self.rk4_jacobians(state, input, dt_s)?,
+        };
+        jacobians.checked()
     }
 
     fn paper_order_jacobians(

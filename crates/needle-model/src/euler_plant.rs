@@ -4,7 +4,7 @@
 use nalgebra::Vector6;
 
 use crate::chart::{ChartError, EulerState};
-use crate::needle::{Input, Needle, check_step};
+use crate::needle::{Input, Needle, check_step, finite};
 
 /// How equation (5) is integrated over one step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,21 +40,22 @@ impl EulerPlant {
         let (sg, cg) = state.gamma_rad.sin_cos();
         let v = input.v_mm_s;
         let bend = self.needle.curvature_per_mm() * v;
-        Ok(Vector6::new(
+        let rate = Vector6::new(
             v * sb,
             -v * cb * sa,
             v * ca * cb,
             bend * cg / cb,
             bend * sg,
             input.omega_rad_s - bend * cg * sb / cb,
-        ))
+        );
+        Ok(finite(rate, [rate.sum()])?)
     }
 
     /// State after `input` is held for `dt_s`.
     ///
     /// # Errors
     /// [`ChartError`] when the state, or a stage of the integrator, is near beta = +-pi/2 or not
-    /// finite, or the time step is negative.
+    /// finite, the time step is negative, or the result overflows.
     pub fn step(
         &self,
         state: &EulerState,
@@ -77,7 +78,7 @@ impl EulerPlant {
                 x + (k1 + k2 * 2.0 + k3 * 2.0 + k4) * (dt_s / 6.0)
             }
         };
-        Ok(EulerState::from_vector(&next))
+        Ok(EulerState::from_vector(&finite(next, [next.sum()])?))
     }
 
     fn paper_order_step(

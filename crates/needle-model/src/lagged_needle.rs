@@ -6,9 +6,9 @@
 
 use nalgebra::{SMatrix, Vector6};
 
-use crate::needle::{Input, Needle, StepError, check_step};
+use crate::needle::{Input, Needle, StepError, check_step, finite};
 use crate::pose::Pose;
-use crate::torsion::TorsionalLag;
+use crate::torsion::{Torsion, TorsionalLag};
 
 /// Pose with the two slow unknowns of a real needle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,7 +74,7 @@ impl LaggedState {
         b.fixed_view_mut::<6, 1>(0, 1)
             .copy_from(&(by_tip_rotation * (dt_s - gain_s)));
         b[(7, 1)] = gain_s;
-        Ok(LaggedJacobians { a, b })
+        finite(LaggedJacobians { a, b }, [a.sum(), b.sum()])
     }
 
     /// Input at the tip (mean rotation speed over the step) and the lag after it.
@@ -85,17 +85,15 @@ impl LaggedState {
         dt_s: f64,
     ) -> Result<(Input, f64), StepError> {
         check_step(self.lag_rad.is_finite(), input, dt_s)?;
-        let (decay, gain_s) = torsion.discretised(dt_s);
-        let lag_rad = decay * self.lag_rad + gain_s * input.omega_rad_s;
-        let omega_rad_s = if dt_s > 0.0 {
-            input.omega_rad_s + (self.lag_rad - lag_rad) / dt_s
-        } else {
-            input.omega_rad_s
-        };
+        if dt_s == 0.0 {
+            return Ok((input, self.lag_rad));
+        }
+        // A first-order lag does not depend on the depth.
+        let step = Torsion::FirstOrder(torsion).advance(self.lag_rad, input.omega_rad_s, 0.0, dt_s);
         let tip = Input {
-            omega_rad_s,
+            omega_rad_s: step.tip_rotation_rad / dt_s,
             ..input
         };
-        Ok((tip, lag_rad))
+        finite((tip, step.lag_rad), [step.lag_rad])
     }
 }

@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix6, Matrix6x2, Vector6};
 
-use crate::needle::{Input, Needle, StepError, check_step};
+use crate::needle::{Input, Needle, StepError, check_step, finite};
 use crate::pose::Pose;
 use crate::se3::{adjoint, right_jacobian};
 
@@ -27,7 +27,8 @@ impl Needle {
     /// and so is the plant.
     ///
     /// # Errors
-    /// [`StepError`] when the input is not finite, or the time step is negative or not finite.
+    /// [`StepError`] when the input is not finite, the time step is negative or not finite, or a
+    /// derivative overflows.
     pub fn linearise(&self, input: Input, dt_s: f64) -> Result<StepJacobians, StepError> {
         check_step(true, input, dt_s)?;
         let xi = self.twist(input) * dt_s;
@@ -36,10 +37,17 @@ impl Needle {
         let about_x = right.column(3) * dt_s;
         let by_v = right.column(2) * dt_s + about_x * self.curvature_per_mm();
         let by_omega = right.column(5) * dt_s;
-        Ok(StepJacobians {
+        let jacobians = StepJacobians {
             a: adjoint(&Pose::exp(&-xi)),
             b: Matrix6x2::from_columns(&[by_v, by_omega]),
             curvature: about_x * input.v_mm_s,
-        })
+        };
+        // A sum is finite when every term is, and one that overflows is of no use either.
+        let sums = [
+            jacobians.a.sum(),
+            jacobians.b.sum(),
+            jacobians.curvature.sum(),
+        ];
+        finite(jacobians, sums)
     }
 }

@@ -58,6 +58,18 @@ pub enum StepError {
         /// Time step found, s.
         dt_s: f64,
     },
+    /// Everything was finite, but the result is not: speeds or coordinates too large to compute with.
+    #[error("the values are finite, but the result overflows double precision")]
+    Overflow,
+}
+
+/// `value` when all of its entries are finite.
+pub(crate) fn finite<T>(value: T, entries: impl IntoIterator<Item = f64>) -> Result<T, StepError> {
+    if entries.into_iter().all(f64::is_finite) {
+        Ok(value)
+    } else {
+        Err(StepError::Overflow)
+    }
 }
 
 /// Checks what every step of every plant requires of its inputs.
@@ -118,9 +130,15 @@ impl Needle {
     /// Pose after `input` is held for `dt_s`, exact.
     ///
     /// # Errors
-    /// [`StepError`] when the pose or the input is not finite, or the time step is negative.
+    /// [`StepError`] when the pose or the input is not finite, the time step is negative, or the
+    /// motion overflows.
     pub fn step(&self, pose: &Pose, input: Input, dt_s: f64) -> Result<Pose, StepError> {
         check_step(pose.is_finite(), input, dt_s)?;
-        Ok(pose.compose(&Pose::exp(&(self.twist(input) * dt_s))))
+        let next = pose.compose(&Pose::exp(&(self.twist(input) * dt_s)));
+        if next.is_finite() {
+            Ok(next)
+        } else {
+            Err(StepError::Overflow)
+        }
     }
 }

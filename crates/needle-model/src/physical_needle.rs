@@ -6,7 +6,7 @@
 
 use crate::bevel_offset::BevelOffset;
 use crate::curvature_profile::CurvatureProfile;
-use crate::needle::{Input, Needle, StepError, check_step};
+use crate::needle::{Input, Needle, StepError, check_step, finite};
 use crate::pose::Pose;
 use crate::torsion::Torsion;
 
@@ -63,7 +63,8 @@ impl PhysicalNeedle {
     /// State after `input`, given at the base, is held for `dt_s`.
     ///
     /// # Errors
-    /// [`StepError`] when state or input is not finite, or the time step is negative.
+    /// [`StepError`] when state or input is not finite, the time step is negative, or the result
+    /// overflows.
     pub fn step(
         &self,
         state: &PhysicalState,
@@ -71,28 +72,28 @@ impl PhysicalNeedle {
         dt_s: f64,
     ) -> Result<PhysicalState, StepError> {
         check_step((state.lag_rad + state.inserted_mm).is_finite(), input, dt_s)?;
+        if dt_s == 0.0 {
+            // No time, no motion; the lag of a state stays, also one above what friction holds.
+            return Ok(*state);
+        }
         let advance_mm = input.v_mm_s * dt_s;
         let middle_mm = state.inserted_mm + 0.5 * advance_mm;
         let torsion = self
             .torsion
             .advance(state.lag_rad, input.omega_rad_s, middle_mm, dt_s);
-        // The pose needs the rotation over the step, not the time that it took.
-        let omega_rad_s = if dt_s > 0.0 {
-            torsion.tip_rotation_rad / dt_s
-        } else {
-            0.0
-        };
         let tip_input = Input {
-            omega_rad_s,
+            // The pose needs the rotation over the step, not the time that it took.
+            omega_rad_s: torsion.tip_rotation_rad / dt_s,
             ..input
         };
-        Ok(PhysicalState {
+        let next = PhysicalState {
             frame: self
                 .curvature
                 .at(middle_mm)
                 .step(&state.frame, tip_input, dt_s)?,
             lag_rad: torsion.lag_rad,
             inserted_mm: state.inserted_mm + advance_mm,
-        })
+        };
+        finite(next, [next.lag_rad, next.inserted_mm])
     }
 }

@@ -25,5 +25,5 @@ pub fn printed_linearisation(
     printed.a[(0, 3)] = printed.a[(0, 4)];
     printed.a[(0, 4)] = 0.0;
     printed.b *= dt_s;
-    Ok(printed)
+    printed.checked()
 }
