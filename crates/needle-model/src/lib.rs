@@ -49,7 +49,8 @@ pub use lagged_needle::{LaggedJacobians, LaggedState};
 pub use linearisation::StepJacobians;
 pub use needle::{Input, InvalidCurvature, Needle, StepError};
 pub use paper_reference::{
-    PAPER_CURVATURE_PER_MM, PAPER_DT_S, paper_bevel_inputs, paper_straight_inputs,
+    PAPER_CURVATURE_PER_MM, PAPER_DT_S, PaperReferenceError, paper_bevel_inputs,
+    paper_straight_inputs,
 };
 pub use path_csv::PATH_CSV_HEADER;
 pub use path_file::PathFileError;

@@ -14,8 +14,17 @@ pub struct ReferencePath {
     poses: Vec<Pose>,
     inputs: Vec<Input>,
     arc_length_mm: Vec<f64>,
+    /// For each pose, the last of the run of poses at its position: turns in place and pauses.
+    run_ends: Vec<usize>,
     dt_s: f64,
 }
+
+/// Poses that are nearer than this to the first of their run are at the same position, mm: far below
+/// what an insertion advances in a step, far above rounding.
+const SAME_POSITION_MM: f64 = 1e-6;
+
+/// Fraction of a time step by which a time may be early for its step: rounding of k dt.
+const EARLY_FRACTION: f64 = 1e-9;
 
 /// Why samples make no path.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
@@ -98,8 +107,13 @@ impl ReferencePath {
                 .map_err(|source| ReferencePathError::Sample { sample, source })?;
             arc_length_mm.push(s_mm);
             s_mm += input.v_mm_s.abs() * dt_s;
+            if !(s_mm + (sample + 1) as f64 * dt_s).is_finite() {
+                let source = StepError::Overflow;
+                return Err(ReferencePathError::Sample { sample, source });
+            }
         }
         Ok(Self {
+            run_ends: run_ends(&poses),
             poses,
             inputs,
             arc_length_mm,
@@ -109,13 +123,20 @@ impl ReferencePath {
 
     /// A path through poses, with the inputs read off the motion between neighbours: v from the
     /// displacement along the tangent, omega from the turn about it. Exact when a needle executed
-    /// the poses; [`ReferencePath::largest_defect`] tells.
+    /// the poses and turned by less than half a turn a step (poses do not count whole turns);
+    /// [`ReferencePath::largest_defect`] tells.
     ///
     /// # Errors
-    /// As [`ReferencePath::from_samples`].
+    /// As [`ReferencePath::from_samples`], naming the pose that is not finite, or the first of two
+    /// poses whose motion overflows.
     pub fn from_poses(poses: Vec<Pose>, dt_s: f64) -> Result<Self, ReferencePathError> {
         if dt_s == 0.0 {
             return Err(ReferencePathError::ZeroTimeStep);
+        }
+        // Before the inputs: these would blame the pose ahead of the one that is not finite.
+        if let Some(sample) = poses.iter().position(|pose| !pose.is_finite()) {
+            let source = StepError::NonFiniteState;
+            return Err(ReferencePathError::Sample { sample, source });
         }
         let inputs = poses
             .windows(2)
@@ -167,6 +188,19 @@ impl ReferencePath {
         ((time_s / self.dt_s).round() as usize).min(self.inputs.len())
     }
 
+    /// Input held at a time in s; zero before the path begins and from its end on.
+    #[must_use]
+    pub fn input_at_time(&self, time_s: f64) -> Input {
+        let position = time_s / self.dt_s + EARLY_FRACTION;
+        let held = (position >= 0.0).then(|| self.inputs.get(position as usize));
+        held.flatten().copied().unwrap_or(Input::ZERO)
+    }
+
+    /// Last step of the run of poses that share the position of step `k` (turns in place, pauses).
+    pub(crate) fn last_step_at_same_position(&self, k: usize) -> usize {
+        self.run_ends[k]
+    }
+
     /// Pose at a time in s, along the screw motion between neighbours; the ends beyond.
     #[must_use]
     pub fn pose_at_time(&self, time_s: f64) -> Pose {
@@ -200,4 +234,20 @@ impl ReferencePath {
         }
         Ok(largest)
     }
+}
+
+/// For each pose, the index of the last one of its run at one position.
+fn run_ends(poses: &[Pose]) -> Vec<usize> {
+    let mut ends = Vec::with_capacity(poses.len());
+    let mut start = 0;
+    for k in 1..=poses.len() {
+        // Measured from the run's first pose: a slow drift is not one long turn.
+        let same =
+            |pose: &Pose| (pose.position_mm - poses[start].position_mm).norm() < SAME_POSITION_MM;
+        if !poses.get(k).is_some_and(same) {
+            ends.resize(k, k - 1);
+            start = k;
+        }
+    }
+    ends
 }

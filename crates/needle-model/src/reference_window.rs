@@ -17,19 +17,22 @@ pub struct ReferenceWindow {
 }
 
 impl ReferenceWindow {
-    /// Refills this window from `step` on; allocates only when the horizon grows.
+    /// Refills this window from `step` on: always `horizon` + 1 poses and `horizon` inputs, also beyond
+    /// the path's end. Allocates only when the horizon grows; a stage takes 72 bytes, so the caller
+    /// bounds a horizon that comes from outside.
     pub fn refill(&mut self, path: &ReferencePath, step: usize, horizon: usize) {
         let last = path.poses().len() - 1;
         self.first_step = step.min(last);
         self.poses.clear();
         self.inputs.clear();
-        for k in step..=step.saturating_add(horizon) {
+        for ahead in 0..horizon {
+            let k = step.saturating_add(ahead);
             self.poses.push(path.poses()[k.min(last)]);
-        }
-        for k in step..step.saturating_add(horizon) {
             let input = path.inputs().get(k).copied();
             self.inputs.push(input.unwrap_or(Input::ZERO));
         }
+        let end = step.saturating_add(horizon).min(last);
+        self.poses.push(path.poses()[end]);
     }
 }
 
