@@ -3,6 +3,8 @@
 use nalgebra::{Quaternion, UnitQuaternion};
 use thiserror::Error;
 
+use crate::needle::StepError;
+use crate::pose::Pose;
 use crate::reference_path::ReferencePathError;
 
 /// How far a quaternion's norm may be from 1: planners print six digits.
@@ -63,9 +65,62 @@ pub enum PathFileError {
         /// Time found, s.
         found_s: f64,
     },
+    /// A time is not after the one before.
+    #[error("line {line}: time {found_s} s does not come after {previous_s} s")]
+    TimeOrder {
+        /// Line.
+        line: usize,
+        /// Time of the row before, s.
+        previous_s: f64,
+        /// Time found, s.
+        found_s: f64,
+    },
+    /// A single row has no time step, and the file does not give one.
+    #[error("line {line}: a single row needs a line \"{expected}\" before it")]
+    TimeStep {
+        /// Line of the row.
+        line: usize,
+        /// How the line that gives the time step begins.
+        expected: &'static str,
+    },
+    /// The last row has an input, though no pose follows.
+    #[error(
+        "line {line}: the last row must have zero input, found {v_mm_s} mm/s, {omega_rad_s} rad/s"
+    )]
+    LastInput {
+        /// Line.
+        line: usize,
+        /// Insertion speed found, mm/s.
+        v_mm_s: f64,
+        /// Rotation speed found, rad/s.
+        omega_rad_s: f64,
+    },
+    /// A row's numbers are finite, but not what a needle can have.
+    #[error("line {line}: {source}")]
+    Sample {
+        /// Line.
+        line: usize,
+        /// What is wrong with it.
+        source: StepError,
+    },
     /// The samples make no path.
     #[error(transparent)]
     Path(#[from] ReferencePathError),
+}
+
+/// The text without the byte order mark that some programs put before it.
+pub(crate) fn without_bom(text: &str) -> &str {
+    text.strip_prefix('\u{feff}').unwrap_or(text)
+}
+
+/// The pose, when its coordinates are small enough to compute with.
+pub(crate) fn checked(line: usize, pose: Pose) -> Result<Pose, PathFileError> {
+    if pose.is_finite() {
+        Ok(pose)
+    } else {
+        let source = StepError::NonFiniteState;
+        Err(PathFileError::Sample { line, source })
+    }
 }
 
 /// Exactly `N` finite numbers.

@@ -2,7 +2,7 @@
 //! O. Salzman, R. Alterovitz, RSS 2021): one pose a line, mm, separated by blanks.
 //!
 //! Two traps. Its start and goal files order the quaternion (w, x, y, z), its interpolated plans
-//! (x, y, z, w). And its needle bends toward its body +x, by a turn about +y, while ours bends toward
+//! (x, y, z, w), the files `_interp.txt` and `_org.txt` alike. And its needle bends toward its body +x, by a turn about +y, while ours bends toward
 //! -y: our body frame is its frame turned by +pi/2 about the tangent. Its sampling-based planners
 //! carry the frame along without the bevel's roll: read such plans as positions
 //! ([`crate::PositionCurve`]), not as poses to execute.
@@ -12,7 +12,7 @@ use std::fmt::Write as _;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::path_file::{PathFileError, numbers, rotation};
+use crate::path_file::{PathFileError, checked, numbers, rotation, without_bom};
 use crate::pose::Pose;
 
 /// Order of the quaternion's components in a file.
@@ -20,7 +20,7 @@ use crate::pose::Pose;
 pub enum PlannerFile {
     /// Start and goal poses: `x y z qw qx qy qz`.
     StartAndGoal,
-    /// Interpolated plan: `x y z qx qy qz qw`.
+    /// Plan, interpolated (`_interp.txt`) or as planned (`_org.txt`): `x y z qx qy qz qw`.
     InterpolatedPlan,
 }
 
@@ -35,7 +35,7 @@ fn bevel_turn() -> UnitQuaternion<f64> {
 /// [`PathFileError`] with line and reason.
 pub fn read_planner_poses(text: &str, file: PlannerFile) -> Result<Vec<Pose>, PathFileError> {
     let mut poses = Vec::new();
-    for (i, row) in text.lines().enumerate() {
+    for (i, row) in without_bom(text).lines().enumerate() {
         if row.trim().is_empty() {
             continue;
         }
@@ -45,10 +45,11 @@ pub fn read_planner_poses(text: &str, file: PlannerFile) -> Result<Vec<Pose>, Pa
             PlannerFile::StartAndGoal => [a, b, c, d],
             PlannerFile::InterpolatedPlan => [d, a, b, c],
         };
-        poses.push(Pose {
+        let pose = Pose {
             rotation: rotation(line, wxyz)? * bevel_turn(),
             position_mm: Vector3::new(x, y, z),
-        });
+        };
+        poses.push(checked(line, pose)?);
     }
     if poses.is_empty() {
         return Err(PathFileError::Empty);
