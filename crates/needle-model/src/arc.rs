@@ -11,8 +11,15 @@ use nalgebra::{Vector3, Vector6};
 use thiserror::Error;
 
 use crate::duty_cycle::{DutyCycle, DutyCycleError};
-use crate::needle::{Input, Needle, StepError};
+use crate::needle::{Input, Needle, StepError, finite};
 use crate::pose::Pose;
+
+/// Fraction of the chord, or of the coordinates, below which a lateral distance is rounding.
+const ROUNDING: f64 = 1e-12;
+
+/// Half angle below which sine and angle are exchanged for two terms of their series: the next term is
+/// below rounding.
+const SMALL_ANGLE_RAD: f64 = 1e-4;
 
 /// A turn in place followed by an insertion without rotation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,8 +58,8 @@ impl Arc {
     /// The arc from `start` to the point `target_mm`.
     ///
     /// # Errors
-    /// [`ArcError::Unreachable`] for a point at or straight behind the tip; [`ArcError::Step`] for
-    /// coordinates that are not finite.
+    /// [`ArcError::Unreachable`] for a point at or straight behind the tip, to the rounding of the
+    /// coordinates; [`ArcError::Step`] for coordinates that are not finite or overflow.
     pub fn to_point(start: &Pose, target_mm: &Vector3<f64>) -> Result<Self, ArcError> {
         if !(start.is_finite() && target_mm.sum().is_finite()) {
             return Err(StepError::NonFiniteState.into());
@@ -61,27 +68,38 @@ impl Arc {
             .rotation
             .inverse_transform_vector(&(target_mm - start.position_mm));
         let rho = q.x.hypot(q.y);
-        if rho == 0.0 && q.z <= 0.0 {
+        let chord_mm = rho.hypot(q.z);
+        // Differences of coordinates are known to their rounding only.
+        let rounding_mm = ROUNDING * start.position_mm.amax().max(target_mm.amax());
+        let at_tip = chord_mm <= rounding_mm;
+        let behind = q.z <= 0.0 && rho <= rounding_mm.max(ROUNDING * chord_mm);
+        if at_tip || behind {
             return Err(ArcError::Unreachable { behind_mm: -q.z });
         }
         let bevel_roll_rad = if rho == 0.0 { 0.0 } else { q.x.atan2(-q.y) };
-        let angle_rad = 2.0 * rho.atan2(q.z);
-        let chord_mm = rho.hypot(q.z);
-        let curvature_per_mm = 2.0 * rho / chord_mm / chord_mm;
-        // angle / curvature; half / rho tends to 1 / z as the arc becomes a straight line.
-        let length_mm = if rho == 0.0 {
-            chord_mm
+        let half_rad = rho.atan2(q.z);
+        let angle_rad = 2.0 * half_rad;
+        let curvature_per_mm = 2.0 * (rho / chord_mm) / chord_mm;
+        // Arc over chord is half / sin(half), with sin(half) = rho / chord.
+        let arc_over_chord = if half_rad < SMALL_ANGLE_RAD {
+            1.0 + half_rad * half_rad / 6.0
         } else {
-            0.5 * angle_rad / rho * chord_mm * chord_mm
+            half_rad * (chord_mm / rho)
         };
+        let length_mm = chord_mm * arc_over_chord;
         let roll = Pose::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, bevel_roll_rad));
         let insertion = Pose::exp(&Vector6::new(0.0, 0.0, length_mm, angle_rad, 0.0, 0.0));
-        Ok(Self {
+        let arc = Self {
             bevel_roll_rad,
             curvature_per_mm,
             length_mm,
             end: start.compose(&roll).compose(&insertion),
-        })
+        };
+        let end = arc.end.position_mm.sum();
+        Ok(finite(
+            arc,
+            [bevel_roll_rad, curvature_per_mm, length_mm, end],
+        )?)
     }
 
     /// The arc from `start` to the pose `target`, and the turn in place (rad, in (-pi, pi]) that
@@ -101,7 +119,8 @@ impl Arc {
         let arc = Self::to_point(start, &target.position_mm)?;
         let (ours, theirs) = (arc.end.tangent(), target.tangent());
         let angle_rad = ours.cross(&theirs).norm().atan2(ours.dot(&theirs));
-        if angle_rad > tolerance_rad {
+        // A tolerance that is not a number accepts nothing.
+        if angle_rad.is_nan() || tolerance_rad.is_nan() || angle_rad > tolerance_rad {
             return Err(ArcError::TangentMismatch { angle_rad });
         }
         let x_target = arc
@@ -126,13 +145,16 @@ impl Arc {
         self.curvature_per_mm * self.length_mm > PI
     }
 
-    /// The insertion at speed `v_mm_s`: input and duration in s; `None` when the speed is not positive.
+    /// The insertion at speed `v_mm_s`: input and duration in s; `None` when the speed is not positive
+    /// and finite, or so small that the duration overflows.
     #[must_use]
     pub fn insertion(&self, v_mm_s: f64) -> Option<(Input, f64)> {
         let input = Input {
             v_mm_s,
             omega_rad_s: 0.0,
         };
-        (v_mm_s > 0.0).then(|| (input, self.length_mm / v_mm_s))
+        let duration_s = self.length_mm / v_mm_s;
+        (v_mm_s > 0.0 && v_mm_s.is_finite() && duration_s.is_finite())
+            .then_some((input, duration_s))
     }
 }

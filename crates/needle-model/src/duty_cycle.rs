@@ -36,6 +36,10 @@ pub enum DutyCycleError {
     },
 }
 
+/// Excess over the needle's curvature, as a fraction of it, that is rounding: the arc that a needle
+/// made is an arc that it can make.
+const CURVATURE_TOLERANCE: f64 = 1e-9;
+
 impl DutyCycle {
     /// Spinning during `fraction` of the insertion.
     ///
@@ -52,17 +56,19 @@ impl DutyCycle {
     /// The duty cycle that turns `needle` into one of curvature `wanted_per_mm`: d = 1 - k / kappa.
     ///
     /// # Errors
-    /// [`DutyCycleError::Curvature`] when the needle does not bend enough.
+    /// [`DutyCycleError::Curvature`] when the needle does not bend enough, by more than
+    /// rounding (1e-9 of its curvature).
     pub fn for_curvature(needle: Needle, wanted_per_mm: f64) -> Result<Self, DutyCycleError> {
         let needle_per_mm = needle.curvature_per_mm();
-        if !(0.0..=needle_per_mm).contains(&wanted_per_mm) {
+        let limit_per_mm = (needle_per_mm * (1.0 + CURVATURE_TOLERANCE)).min(f64::MAX);
+        if !(0.0..=limit_per_mm).contains(&wanted_per_mm) {
             return Err(DutyCycleError::Curvature {
                 wanted_per_mm,
                 needle_per_mm,
             });
         }
         let fraction = if needle_per_mm > 0.0 {
-            1.0 - wanted_per_mm / needle_per_mm
+            (1.0 - wanted_per_mm / needle_per_mm).max(0.0)
         } else {
             0.0
         };
