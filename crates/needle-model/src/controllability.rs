@@ -244,28 +244,33 @@ impl Scale {
     }
 }
 
-/// Warning from the ratio |omega| / (kappa |v|) of every input, when all inputs share it.
+/// Warning from the ratio omega / (kappa v), when all inputs that move the needle share it. A turn in
+/// place has an infinite ratio and is no part of an arc.
 fn rate_warning(needle: Needle, inputs: &[Input]) -> Option<ControllabilityWarning> {
+    if needle.curvature_per_mm() == 0.0 {
+        return None;
+    }
     let ratios: Vec<f64> = inputs
         .iter()
-        .map(|u| u.omega_rad_s.abs() / (needle.curvature_per_mm() * u.v_mm_s.abs()))
-        // Neither a straight needle nor one at rest has a ratio.
-        .filter(|ratio| ratio.is_finite())
+        .filter(|&&u| u != Input::ZERO)
+        .map(|u| u.omega_rad_s / (needle.curvature_per_mm() * u.v_mm_s))
         .collect();
-    let largest = ratios.iter().copied().reduce(f64::max)?;
+    let largest = ratios.iter().map(|r| r.abs()).reduce(f64::max)?;
     if largest < RATIO_MARGIN {
         return Some(ControllabilityWarning::NearPlanarArc {
             rate_ratio: largest,
         });
     }
-    let farthest = ratios.iter().copied().reduce(|a, b| {
-        if (b - 1.0).abs() > (a - 1.0).abs() {
-            b
-        } else {
-            a
-        }
-    })?;
-    ((farthest - 1.0).abs() < RATIO_MARGIN).then_some(ControllabilityWarning::NearEqualRates {
-        rate_ratio: farthest,
-    })
+    // Rates that alternate in sign make no helix, equal or not.
+    let one_sign = ratios.iter().all(|r| *r > 0.0) || ratios.iter().all(|r| *r < 0.0);
+    let from_one = |r: f64| (r.abs() - 1.0).abs();
+    let farthest = ratios
+        .iter()
+        .copied()
+        .reduce(|a, b| if from_one(b) > from_one(a) { b } else { a })?;
+    (one_sign && from_one(farthest) < RATIO_MARGIN).then_some(
+        ControllabilityWarning::NearEqualRates {
+            rate_ratio: farthest.abs(),
+        },
+    )
 }

@@ -26,6 +26,11 @@ pub struct ErrorDirection {
     /// The direction in physical units (mm, rad), of unit length after dividing lengths by the
     /// report's length scale.
     pub xi: Vector6<f64>,
+    /// The same direction as a functional of errors, (1/mm, 1/rad): for a direction that no input can
+    /// correct, `functional.dot(e)` is zero for every error e that inputs can make, and so it is what
+    /// inputs conserve of the error at the end. `xi` itself is orthogonal to those errors only in
+    /// the scaled units: `xi` = diag(L^2, L^2, L^2, 1, 1, 1) `functional`, L the report's length scale.
+    pub functional: Vector6<f64>,
     /// The coordinates that take part, e.g. "in-plane cross-track", joined by "with".
     pub words: String,
 }
@@ -46,12 +51,14 @@ impl ErrorDirection {
         // Equal parts to rounding: angles first, they are what a surgeon would correct.
         parts.sort_by_key(|&i| (-(scaled[i].abs() * 1e6).round() as i64, 6 - i));
         let words: Vec<&str> = parts.iter().map(|&i| NAMES[i]).collect();
-        let mut xi = *scaled;
+        let (mut xi, mut functional) = (*scaled, *scaled);
         for i in 0..3 {
             xi[i] *= length_mm;
+            functional[i] /= length_mm;
         }
         Self {
             xi,
+            functional,
             words: words.join(" with "),
         }
     }
