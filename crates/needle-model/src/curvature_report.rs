@@ -32,7 +32,8 @@ impl PositionCurve {
         for i in 0..=SAMPLES {
             let s_mm = self.length_mm() * i as f64 / SAMPLES as f64;
             let curvature_per_mm = self.at(s_mm).curvature_per_mm.norm();
-            let exceeds = curvature_per_mm > limit;
+            // A straight line bends by rounding only, whatever its direction.
+            let exceeds = curvature_per_mm > limit + self.curvature_rounding_per_mm(s_mm);
             if exceeds && !open {
                 stretches.push(CurvatureExcess {
                     start_mm: s_mm,

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 use thiserror::Error;
 
-use crate::spline::{not_a_knot, smoothed};
+use crate::spline::{not_a_knot, smoothed, smoothing_nodes};
 
 /// Fewest positions of a cubic with not-a-knot ends.
 pub const MIN_POSITIONS: usize = 4;
@@ -23,6 +23,20 @@ const GAUSS: [(f64, f64); 5] = [
 
 /// Curvature below which a curve has no direction of bending, 1/mm.
 const STRAIGHT_PER_MM: f64 = 1e-9;
+
+/// Longest smoothing length, in lengths of the polyline: what it leaves is a parabola already.
+const LONGEST_SMOOTHING: f64 = 2.0;
+
+/// Cosine of the turn between two chords from which on a position is a cusp: 120 degrees. Below it the
+/// spline still has a loop or a bend, whose curvature the report shows.
+const REVERSAL_COSINE: f64 = -0.5;
+
+/// Derivative by the chord length below which the curve stands still.
+const LEAST_SPEED: f64 = 1e-6;
+
+/// Roundings of a coordinate that a second derivative of the spline amplifies into curvature: 6 / h^2
+/// times three coordinates, and more at the ends.
+const CURVATURE_ROUNDINGS: f64 = 64.0;
 
 /// Why positions make no curve.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
@@ -45,11 +59,19 @@ pub enum PositionCurveError {
         /// Index of the second of the two.
         index: usize,
     },
-    /// The smoothing length is negative or not finite.
-    #[error("smoothing length must be finite and not negative, found {smoothing_mm} mm")]
+    /// The smoothing length is negative, not finite, or too long to leave a curve to speak of.
+    #[error(
+        "smoothing length must be within 0 and twice the length of the polyline, found {smoothing_mm} mm"
+    )]
     Smoothing {
         /// Smoothing length found, mm.
         smoothing_mm: f64,
+    },
+    /// The curve turns back on itself: there it has no tangent, and no needle can follow.
+    #[error("the curve turns back on itself at position {index}")]
+    Cusp {
+        /// Index of the position (of the smoothed curve, if smoothed) at or before the cusp.
+        index: usize,
     },
 }
 
@@ -78,10 +100,13 @@ pub struct PositionCurve {
 
 impl PositionCurve {
     /// Curve through the positions; with `smoothing_mm` = l > 0, through positions smoothed so that
-    /// a ripple of wavelength w keeps the part 1 / (1 + (2 pi l / w)^6).
+    /// a ripple of wavelength w keeps the part 1 / (1 + (2 pi l / w)^6). Positions closer than l / 20
+    /// are then represented by fewer knots.
     ///
     /// # Errors
-    /// [`PositionCurveError`] when there are too few positions, or one is unusable.
+    /// [`PositionCurveError`] when there are too few positions (also at the resolution of the
+    /// smoothing), one is unusable, l exceeds twice the length, or the curve turns back on itself by
+    /// more than 120 degrees at a position.
     pub fn through(
         positions_mm: &[Vector3<f64>],
         smoothing_mm: f64,
@@ -95,13 +120,39 @@ impl PositionCurve {
             return Err(PositionCurveError::Smoothing { smoothing_mm });
         }
         let knots_mm = chord_lengths(positions_mm)?;
-        if smoothing_mm > 0.0 {
-            let smooth = smoothed(positions_mm, &knots_mm, smoothing_mm);
-            let knots_mm = chord_lengths(&smooth)?;
-            Ok(Self::interpolating(knots_mm, smooth))
-        } else {
-            Ok(Self::interpolating(knots_mm, positions_mm.to_vec()))
+        let length_mm = knots_mm.last().copied().unwrap_or(0.0);
+        if smoothing_mm > LONGEST_SMOOTHING * length_mm {
+            return Err(PositionCurveError::Smoothing { smoothing_mm });
         }
+        if smoothing_mm > 0.0 {
+            let nodes = smoothing_nodes(&knots_mm, smoothing_mm);
+            if nodes.len() < MIN_POSITIONS {
+                return Err(PositionCurveError::TooFew { found: nodes.len() });
+            }
+            let smooth = smoothed(positions_mm, &knots_mm, &nodes, smoothing_mm);
+            let knots_mm = chord_lengths(&smooth)?;
+            Self::interpolating(knots_mm, smooth).without_cusps()
+        } else {
+            Self::interpolating(knots_mm, positions_mm.to_vec()).without_cusps()
+        }
+    }
+
+    /// Refuses sharp reversals of the polyline, and a derivative that vanishes.
+    fn without_cusps(self) -> Result<Self, PositionCurveError> {
+        let segments = self.knots_mm.len() - 1;
+        let chord = |i: usize| (self.points_mm[i + 1] - self.points_mm[i]).normalize();
+        let reverses = |&i: &usize| chord(i - 1).dot(&chord(i)) < REVERSAL_COSINE;
+        // The parameter is chord length, so the speed of a smooth curve is about 1. A value that is
+        // not a number is no speed either.
+        let stands = |&i: &usize| {
+            let mut samples = [0.0, 1.0].into_iter().chain(GAUSS.map(|(x, _)| x));
+            !samples.all(|t| self.derivatives(i, t).1.norm() > LEAST_SPEED)
+        };
+        let cusp = (1..segments).find(reverses);
+        if let Some(index) = cusp.or_else(|| (0..segments).find(stands)) {
+            return Err(PositionCurveError::Cusp { index });
+        }
+        Ok(self)
     }
 
     fn interpolating(knots_mm: Vec<f64>, points_mm: Vec<Vector3<f64>>) -> Self {
@@ -129,9 +180,7 @@ impl PositionCurve {
     /// Point at an arc length, clamped to the curve.
     #[must_use]
     pub fn at(&self, arc_length_mm: f64) -> CurvePoint {
-        let last = self.knots_mm.len() - 2;
-        let after = self.arc_length_mm.partition_point(|&s| s <= arc_length_mm);
-        let segment = after.saturating_sub(1).min(last);
+        let segment = self.segment_at(arc_length_mm);
         let start_mm = self.arc_length_mm[segment];
         let wanted = (arc_length_mm - start_mm).max(0.0);
         let whole = self.arc_length_mm[segment + 1] - start_mm;
@@ -172,6 +221,24 @@ impl PositionCurve {
             - self.at(middle_mm - spacing_mm).curvature_per_mm;
         let torsion = here.tangent.dot(&k.cross(&change)) / (2.0 * spacing_mm * k.norm_squared());
         (k.norm() > STRAIGHT_PER_MM && torsion.is_finite()).then_some(torsion)
+    }
+
+    /// What rounding of the coordinates makes of the curvature at an arc length, 1/mm: second
+    /// differences of the knots around it.
+    pub(crate) fn curvature_rounding_per_mm(&self, arc_length_mm: f64) -> f64 {
+        let segment = self.segment_at(arc_length_mm);
+        let around = segment.saturating_sub(1)..=(segment + 1).min(self.knots_mm.len() - 2);
+        let size_mm = around
+            .clone()
+            .map(|i| self.points_mm[i].amax().max(self.points_mm[i + 1].amax()))
+            .fold(0.0, f64::max);
+        let width_mm = around.map(|i| self.width(i)).fold(f64::INFINITY, f64::min);
+        CURVATURE_ROUNDINGS * f64::EPSILON * size_mm / (width_mm * width_mm)
+    }
+
+    fn segment_at(&self, arc_length_mm: f64) -> usize {
+        let after = self.arc_length_mm.partition_point(|&s| s <= arc_length_mm);
+        after.saturating_sub(1).min(self.knots_mm.len() - 2)
     }
 
     fn width(&self, segment: usize) -> f64 {

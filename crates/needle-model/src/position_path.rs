@@ -25,6 +25,13 @@ const MAX_STEPS: f64 = 1e6;
 /// Fraction by which the guess may bend more than the needle: the ends of splines do.
 const GUESS_MARGIN: f64 = 0.02;
 
+/// Fraction of a step that is rounding of a length.
+const ROUNDED_STEPS: f64 = 1e-6;
+
+/// How far the guess may leave the targets, as a fraction of the curve's length: the closest path of a
+/// needle does leave a curve that is too sharp, but a guess at a distance is no guess.
+const GUESS_DEVIATION: f64 = 0.05;
+
 /// Factor between the smoothing lengths that are tried.
 const SMOOTHING_GROWTH: f64 = 1.25;
 
@@ -73,27 +80,23 @@ pub struct PositionPathProblem {
 impl PositionPathProblem {
     /// Poses the problem of following `curve` with `needle`.
     ///
+    /// The targets divide the curve into whole steps at the wanted speed or a little less; where
+    /// `v_min_mm_s` forbids less, a little more; and where the speed is fixed, they stop short of the
+    /// curve's end by less than a step, so that every target can be reached.
+    ///
     /// # Errors
-    /// [`PositionPathError`] naming the setting that is out of range.
+    /// [`PositionPathError`] naming the setting that is out of range: `v_min_mm_s` when the curve is
+    /// shorter than one step at that speed.
     pub fn new(
         needle: Needle,
         curve: PositionCurve,
         settings: PositionPathSettings,
     ) -> Result<Self, PositionPathError> {
         settings.check()?;
-        let length_mm = curve.length_mm();
-        // A curve of 12 steps and a rounding error has 12 steps.
-        let steps = (length_mm / (settings.speed_mm_s * settings.dt_s) - 1e-6).ceil();
-        if steps > MAX_STEPS {
-            return Err(PositionPathError::Setting {
-                setting: "speed_mm_s",
-                value: settings.speed_mm_s,
-            });
-        }
-        let steps = (steps as usize).max(1);
-        let spacing_mm = length_mm / steps as f64;
+        let (steps, spacing_mm) = equal_steps(curve.length_mm(), &settings)?;
+        let covered = steps as f64 * spacing_mm / curve.length_mm();
         let samples = |curve: &PositionCurve| -> Vec<_> {
-            let spacing_mm = curve.length_mm() / steps as f64;
+            let spacing_mm = curve.length_mm() * covered / steps as f64;
             (0..=steps)
                 .map(|k| curve.at(k as f64 * spacing_mm))
                 .collect()
@@ -216,6 +219,31 @@ impl PositionPathProblem {
     }
 }
 
+/// Number of steps along a curve of `length_mm`, and the distance between targets, mm.
+fn equal_steps(
+    length_mm: f64,
+    settings: &PositionPathSettings,
+) -> Result<(usize, f64), PositionPathError> {
+    let refused = |setting, value| Err(PositionPathError::Setting { setting, value });
+    let steps = length_mm / (settings.speed_mm_s * settings.dt_s);
+    if steps.is_nan() || steps > MAX_STEPS {
+        return refused("speed_mm_s", settings.speed_mm_s);
+    }
+    // A curve of 12 steps and a rounding error has 12 steps.
+    let whole = (steps - ROUNDED_STEPS).ceil().max(1.0);
+    let spacing_mm = length_mm / whole;
+    let least_mm = settings.v_min_mm_s * settings.dt_s;
+    if spacing_mm >= least_mm * (1.0 - ROUNDED_STEPS) {
+        return Ok((whole as usize, spacing_mm));
+    }
+    let fewer = (length_mm / least_mm + ROUNDED_STEPS).floor();
+    if fewer < 1.0 {
+        return refused("v_min_mm_s", settings.v_min_mm_s);
+    }
+    let greatest_mm = settings.v_max_mm_s * settings.dt_s;
+    Ok((fewer as usize, (length_mm / fewer).min(greatest_mm)))
+}
+
 /// The least smoothed version of a curve that the needle can follow, or else the gentlest, when the
 /// curve itself bends too much: a guess near the closest feasible path, from which a local method need
 /// not unwind spins.
@@ -232,12 +260,18 @@ fn gentler_curve(
     if needle.curvature_per_mm() == 0.0 || least_per_mm == 0.0 {
         return None;
     }
+    let spacing_mm = |c: &PositionCurve| c.length_mm() / (targets_mm.len() - 1) as f64;
+    let near_targets = |c: &PositionCurve| {
+        let limit_mm = GUESS_DEVIATION * curve.length_mm();
+        let mut pairs = targets_mm.iter().enumerate();
+        pairs.all(|(k, y)| (c.at(k as f64 * spacing_mm(c)).position_mm - y).norm() < limit_mm)
+    };
     let mut gentlest = None;
     let mut smoothing_mm = curve.length_mm() / targets_mm.len() as f64;
     while smoothing_mm < curve.length_mm() && least_per_mm > 0.0 {
         if let Ok(candidate) = PositionCurve::through(targets_mm, smoothing_mm) {
             let excess = excess_per_mm(&candidate);
-            if excess < least_per_mm {
+            if excess < least_per_mm && near_targets(&candidate) {
                 least_per_mm = excess;
                 gentlest = Some(candidate);
             }

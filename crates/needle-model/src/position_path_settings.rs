@@ -77,7 +77,15 @@ impl PositionPathSettings {
                 return Err(PositionPathError::Setting { setting, value });
             }
         }
-        // Also refuses limits that are not numbers: no range of them contains the speed.
+        // Infinite speed limits are no limits; the others must be numbers in order.
+        for (setting, value) in [
+            ("v_min_mm_s", self.v_min_mm_s),
+            ("v_max_mm_s", self.v_max_mm_s),
+        ] {
+            if value.is_nan() {
+                return Err(PositionPathError::Setting { setting, value });
+            }
+        }
         if !(self.v_min_mm_s..=self.v_max_mm_s).contains(&self.speed_mm_s) {
             return Err(PositionPathError::Setting {
                 setting: "speed_mm_s",

@@ -30,6 +30,13 @@ pub(crate) struct SpinLimits {
 /// Poses along the curve points, the bevel turned so that the bending follows the curve on average.
 pub(crate) fn spun_poses(curve: &[CurvePoint], limits: SpinLimits) -> Vec<Pose> {
     let frames = bishop_frames(curve);
+    if limits.needle_curvature_per_mm == 0.0 {
+        // A straight needle gains nothing by turning.
+        let posed = curve.iter().zip(&frames);
+        return posed
+            .map(|(point, frame)| pose_at(point, frame, 0.0))
+            .collect();
+    }
     // Wanted bending as (ratio to the needle's, direction) in the frame that does not twist.
     let wanted: Vec<(f64, f64)> = curve
         .iter()

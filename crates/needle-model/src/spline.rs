@@ -3,7 +3,8 @@
 //! Cubic with not-a-knot ends: C. de Boor, A Practical Guide to Splines, chapter IV. Natural ends would
 //! force the curvature to zero there, which no needle does. Smoothing penalises third differences
 //! (Whittaker-Henderson), which leaves quadratics and so nearly constant curvature alone; a penalty on
-//! second differences would straighten them.
+//! second differences would straighten them. Its condition grows as (length / spacing)^6, so long
+//! lengths are solved for on a subset of the knots that they resolve, fitted to all points.
 
 use nalgebra::{DMatrix, Vector3};
 
@@ -59,30 +60,88 @@ pub(crate) fn not_a_knot(knots: &[f64], points: &[Vector3<f64>]) -> Vec<Vector3<
     second
 }
 
-/// Minimiser of sum |z - y|^2 + l^6 sum |third divided difference times 3!|^2, heptadiagonal.
+/// Nodes of a smoothed curve per smoothing length. More would resolve nothing that smoothing leaves,
+/// and the condition of the system grows with its sixth power: 64 * 20^6 = 4e9 is harmless.
+const NODES_PER_LENGTH: f64 = 20.0;
+
+/// Nodes of the smoothed curve among the knots: all of them, or as many as the smoothing length
+/// resolves; the first and the last always.
+pub(crate) fn smoothing_nodes(knots: &[f64], length_mm: f64) -> Vec<usize> {
+    let spacing_mm = length_mm / NODES_PER_LENGTH;
+    let end = knots.len() - 1;
+    let mut nodes = vec![0];
+    let mut at_mm = knots[0];
+    for (k, &knot) in knots.iter().enumerate().take(end).skip(1) {
+        // Not closer to the end than half a spacing: the last node is not a choice.
+        if knot - at_mm >= spacing_mm && knots[end] - knot >= 0.5 * spacing_mm {
+            nodes.push(k);
+            at_mm = knot;
+        }
+    }
+    nodes.push(end);
+    nodes
+}
+
+/// Minimiser z, at the nodes, of sum |y - L z|^2 + l^6 sum n |third divided difference times 3!|^2,
+/// heptadiagonal. L interpolates z to every point by the cubic through four nodes, and n is the
+/// number of points per node there; with a node at every point both vanish from the formula. Needs
+/// four nodes.
 pub(crate) fn smoothed(
     points: &[Vector3<f64>],
     knots: &[f64],
+    nodes: &[usize],
     length_mm: f64,
 ) -> Vec<Vector3<f64>> {
-    let n = points.len();
+    let m = nodes.len();
+    let at: Vec<f64> = nodes.iter().map(|&k| knots[k]).collect();
     // Column j of `bands` holds the entries (i, i + j) of the upper half.
-    let mut bands = DMatrix::zeros(n, 4);
-    bands.column_mut(0).fill(1.0);
-    let weight = length_mm.powi(6);
-    for i in 0..n - 3 {
-        let coefficient = |j: usize| {
-            let others = (0..4).filter(|&m| m != j);
-            6.0 / others.map(|m| knots[i + j] - knots[i + m]).product::<f64>()
-        };
-        let c: [f64; 4] = std::array::from_fn(coefficient);
+    let mut bands = DMatrix::zeros(m, 4);
+    let mut add = |first: usize, weight: f64, c: [f64; 4]| {
         for a in 0..4 {
             for b in a..4 {
-                bands[(i + a, b - a)] += weight * c[a] * c[b];
+                bands[(first + a, b - a)] += weight * c[a] * c[b];
             }
         }
+    };
+    let mut right = vec![Vector3::zeros(); m];
+    let mut after = 1;
+    for (&knot, point) in knots.iter().zip(points) {
+        while after < m - 1 && at[after] < knot {
+            after += 1;
+        }
+        let first = after.saturating_sub(2).min(m - 4);
+        let c = lagrange(&at[first..first + 4], knot);
+        add(first, 1.0, c);
+        for (z, c) in right[first..].iter_mut().zip(c) {
+            *z += point * c;
+        }
     }
-    solve_banded(bands, points.to_vec())
+    for i in 0..m - 3 {
+        let points_per_node = (nodes[i + 3] - nodes[i]) as f64 / 3.0;
+        let c = third_difference(&at[i..i + 4]);
+        // l^3 goes into the coefficients: l^6 alone would overflow first.
+        let cube = length_mm * length_mm * length_mm;
+        add(i, points_per_node, c.map(|x| x * cube));
+    }
+    solve_banded(bands, right)
+}
+
+/// Product over the other nodes of (x - node m) / (node j - node m).
+fn lagrange(nodes: &[f64], x: f64) -> [f64; 4] {
+    std::array::from_fn(|j| {
+        let others = (0..4).filter(|&m| m != j);
+        others
+            .map(|m| (x - nodes[m]) / (nodes[j] - nodes[m]))
+            .product()
+    })
+}
+
+/// Coefficients of the third divided difference times 3!.
+fn third_difference(nodes: &[f64]) -> [f64; 4] {
+    std::array::from_fn(|j| {
+        let others = (0..4).filter(|&m| m != j);
+        6.0 / others.map(|m| nodes[j] - nodes[m]).product::<f64>()
+    })
 }
 
 /// Solves a positive definite system of half bandwidth 3 by U^T D U.
@@ -135,6 +194,8 @@ mod tests {
     #[test]
     fn smoothing_leaves_quadratics_alone_and_removes_ripple() {
         let knots: Vec<f64> = (0..60).map(f64::from).collect();
+        let every = smoothing_nodes(&knots, 3.0);
+        assert_eq!(every.len(), 60);
         let clean: Vec<_> = knots
             .iter()
             .map(|&t| Vector3::new(t, 0.01 * t * t, 0.0))
@@ -144,11 +205,11 @@ mod tests {
             .enumerate()
             .map(|(i, p)| p + Vector3::z() * if i % 2 == 0 { 0.1 } else { -0.1 })
             .collect();
-        for (z, p) in smoothed(&clean, &knots, 3.0).iter().zip(&clean) {
+        for (z, p) in smoothed(&clean, &knots, &every, 3.0).iter().zip(&clean) {
             // Condition of the system: l^6 64 = 5e4, times rounding of 36 mm.
             assert!((z - p).norm() < 1e-9);
         }
-        for z in &smoothed(&rippled, &knots, 3.0)[25..35] {
+        for z in &smoothed(&rippled, &knots, &every, 3.0)[25..35] {
             // Third differences see this ripple with a gain of 64 l^6: 2e-5 of it is left in an
             // infinite row, and what the ends leave dies out over some l.
             assert!(z.z.abs() < 1e-4);
