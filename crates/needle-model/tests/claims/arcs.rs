@@ -52,6 +52,59 @@ proptest! {
     }
 }
 
+proptest! {
+    #[test]
+    fn behind_any_pose_there_is_no_arc(at in twist_within(50.0, 3.0), behind_mm in 0.0..100.0_f64) {
+        let start = Pose::exp(&at);
+        let goal = start.position_mm - start.tangent() * behind_mm;
+        let arc = Arc::to_point(&start, &goal);
+        let refused = matches!(arc, Err(ArcError::Unreachable { behind_mm: found })
+            if (found - behind_mm).abs() < 1e-12 * 200.0);
+        prop_assert!(refused, "{arc:?}");
+    }
+
+    #[test]
+    fn a_needle_can_make_the_arc_that_it_made(
+        at in twist_within(50.0, 3.0), kappa in 1e-4..0.05_f64, length in 1.0..60.0_f64,
+    ) {
+        let (needle, start) = (Needle::new(kappa).unwrap(), Pose::exp(&at));
+        let insertion = Input { v_mm_s: length, omega_rad_s: 0.0 };
+        let end = needle.step(&start, insertion, 1.0).unwrap();
+        let arc = Arc::to_point(&start, &end.position_mm).unwrap();
+        // Short and gentle arcs have curvatures known to rounding over sag: 1e-14 / (kappa s^2 / 2).
+        prop_assume!(kappa * length * length > 1e-4);
+        let duty = arc.duty_cycle(needle);
+        prop_assert!(duty.is_ok_and(|d| (0.0..1e-8).contains(&d.fraction())), "{duty:?}");
+    }
+}
+
+#[test]
+fn targets_almost_straight_ahead_have_finite_arcs() {
+    for rho in [5e-324, 1e-320, 1e-300, 1e-200, 1e-20, 1e-9] {
+        let goal = Vector3::new(0.0, -rho, 30.0);
+        let arc = Arc::to_point(&Pose::identity(), &goal).unwrap();
+        assert!((arc.length_mm - 30.0).abs() < 1e-12 && arc.end.is_finite());
+    }
+    let far = Arc::to_point(&Pose::identity(), &Vector3::new(1e307, 0.0, 1e307)).unwrap();
+    assert!(far.length_mm.is_finite() && far.curvature_per_mm >= 0.0);
+}
+
+#[test]
+fn a_tolerance_that_is_no_number_accepts_no_pose() {
+    let mut ahead = Pose::identity();
+    ahead.position_mm.z = 10.0;
+    assert!(Arc::to_pose(&Pose::identity(), &ahead, 0.0).is_ok());
+    assert!(Arc::to_pose(&Pose::identity(), &ahead, f64::NAN).is_err());
+}
+
+#[test]
+fn an_insertion_needs_a_positive_finite_speed() {
+    let arc = Arc::to_point(&Pose::identity(), &Vector3::new(0.0, 0.0, 10.0)).unwrap();
+    for v in [0.0, -1.0, f64::NAN, f64::INFINITY, 5e-324] {
+        assert_eq!(arc.insertion(v), None, "{v}");
+    }
+}
+
 #[test]
 fn targets_at_or_behind_the_tip_are_refused() {
     for z in [0.0, -3.0] {

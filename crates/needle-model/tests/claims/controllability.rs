@@ -207,3 +207,83 @@ fn the_papers_reference_has_a_huge_riccati_solution() {
     assert!(p.amax() > 1e7 && p.amax() < 1e9, "{:e}", p.amax());
     assert!((radius - 0.99991).abs() < 2e-5, "{radius}");
 }
+
+fn window_warnings(inputs: &[(f64, f64)]) -> Vec<ControllabilityWarning> {
+    let inputs: Vec<_> = inputs
+        .iter()
+        .cycle()
+        .take(40)
+        .map(|&(v_mm_s, omega_rad_s)| Input {
+            v_mm_s,
+            omega_rad_s,
+        })
+        .collect();
+    let needle = Needle::new(KAPPA_PER_MM).unwrap();
+    ControllabilityReport::over_window(needle, &inputs, 0.1)
+        .unwrap()
+        .warnings
+}
+
+#[test]
+fn turns_in_place_make_no_planar_arc() {
+    let planar =
+        |w: &ControllabilityWarning| matches!(w, ControllabilityWarning::NearPlanarArc { .. });
+    assert!(
+        window_warnings(&[(10.0, 0.0), (0.0, 1.0)])
+            .iter()
+            .all(|w| !planar(w))
+    );
+    // Standing still changes nothing: this is a planar arc with a pause.
+    assert!(
+        window_warnings(&[(10.0, 0.0), (0.0, 0.0)])
+            .iter()
+            .any(planar)
+    );
+}
+
+#[test]
+fn rates_that_alternate_in_sign_are_not_equal_rates() {
+    let equal =
+        |w: &ControllabilityWarning| matches!(w, ControllabilityWarning::NearEqualRates { .. });
+    let rate = KAPPA_PER_MM * 10.0;
+    assert!(
+        window_warnings(&[(10.0, rate), (10.0, -rate)])
+            .iter()
+            .all(|w| !equal(w))
+    );
+    assert!(
+        window_warnings(&[(10.0, rate), (-10.0, -rate)])
+            .iter()
+            .any(equal)
+    );
+}
+
+proptest! {
+    #[test]
+    fn functionals_of_uncontrollable_directions_vanish_on_what_inputs_can_do(
+        kappa in 1e-3..0.05_f64, v in 1.0..20.0_f64, ratio in prop_oneof![Just(0.0), Just(1.0)],
+    ) {
+        let (needle, input) = (Needle::new(kappa).unwrap(), Input { v_mm_s: v, omega_rad_s: ratio * kappa * v });
+        let dt_s = 0.2 / (kappa * v);
+        let r = ControllabilityReport::over_window(needle, &[input; 20], dt_s).unwrap();
+        prop_assert!(!r.uncontrollable.is_empty());
+        let j = needle.linearise(input, dt_s).unwrap();
+        let mut reachable = j.b;
+        for _ in 0..20 {
+            for d in &r.uncontrollable {
+                for column in reachable.column_iter() {
+                    // In physical units, no scaling: rounding against the terms of the product.
+                    let terms = d.functional.component_mul(&column).abs().sum();
+                    let size = d.functional.norm() * column.norm();
+                    prop_assert!(d.functional.dot(&column).abs() <= 1e-9 * terms.max(size), "{}", d.words);
+                }
+                let l = r.length_scale_mm;
+                for i in 0..6 {
+                    let scale = if i < 3 { l * l } else { 1.0 };
+                    prop_assert!((d.xi[i] - d.functional[i] * scale).abs() <= 1e-12 * d.xi[i].abs());
+                }
+            }
+            reachable = j.a * reachable;
+        }
+    }
+}

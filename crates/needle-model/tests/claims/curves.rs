@@ -1,7 +1,7 @@
 //! The smooth curve through positions: arc length, tangent, curvature, smoothing.
 
 use nalgebra::Vector3;
-use needle_model::{Input, Needle, Pose, PositionCurve, ReferencePath};
+use needle_model::{Input, Needle, Pose, PositionCurve, PositionCurveError, ReferencePath};
 
 const KAPPA_PER_MM: f64 = 1.0 / 150.0;
 
@@ -76,4 +76,115 @@ fn the_torsion_of_an_executed_path_is_omega_over_v() {
     let line: Vec<_> = (0..9).map(|i| Vector3::z() * f64::from(i)).collect();
     let straight = PositionCurve::through(&line, 0.0).unwrap();
     assert_eq!(straight.torsion_per_mm(4.0), None);
+}
+
+fn circle(radius_mm: f64, spacing_mm: f64, length_mm: f64) -> Vec<Vector3<f64>> {
+    let count = (length_mm / spacing_mm).round() as u32;
+    let angle = |i: u32| f64::from(i) * length_mm / f64::from(count) / radius_mm;
+    (0..=count)
+        .map(|i| Vector3::new(angle(i).cos(), angle(i).sin(), 0.1) * radius_mm)
+        .collect()
+}
+
+#[test]
+fn smoothing_a_circle_leaves_a_circle_at_any_spacing_and_length() {
+    let radius_mm = 100.0;
+    for spacing_mm in [0.02, 0.05, 0.1, 0.5, 2.0] {
+        for smoothing_mm in [0.5, 2.0, 5.0, 10.0, 20.0, 30.0] {
+            let points = circle(radius_mm, spacing_mm, 150.0);
+            let curve = PositionCurve::through(&points, smoothing_mm).unwrap();
+            let off = |s: f64| {
+                let p = curve.at(s).position_mm;
+                (p.xy().norm() - radius_mm).abs().max((p.z - 10.0).abs())
+            };
+            let worst = (0..=100)
+                .map(|i| off(1.5 * f64::from(i)))
+                .fold(0.0, f64::max);
+            // The filter keeps 1 / (1 + (l / R)^6) of a turn. Free ends put the third and fourth
+            // derivatives to zero, a circle has 1 / R^3 across it: 2.4 l^4 / R^3 is lost there (measured).
+            let ratio = smoothing_mm / radius_mm;
+            let filtered_mm = radius_mm * ratio.powi(6);
+            let ends_mm = radius_mm * ratio.powi(4);
+            assert!(
+                worst < 1e-5 + 3.0 * ends_mm + 2.0 * filtered_mm,
+                "h {spacing_mm} l {smoothing_mm}: {worst:e} {filtered_mm:e}"
+            );
+        }
+    }
+}
+
+#[test]
+fn smoothing_at_a_coarser_resolution_agrees_with_smoothing_at_every_point() {
+    // The same noisy curve, sampled so that all points are nodes, and four times finer.
+    let ripple = |p: &Vector3<f64>| p + Vector3::z() * 0.3 * (p.y * 0.25).sin();
+    let curve = |spacing_mm: f64| {
+        let points: Vec<_> = circle(100.0, spacing_mm, 120.0)
+            .iter()
+            .map(ripple)
+            .collect();
+        PositionCurve::through(&points, 6.0).unwrap()
+    };
+    let (coarse, fine) = (curve(0.4), curve(0.1));
+    for i in 0..=60 {
+        let s = coarse.length_mm() * f64::from(i) / 60.0;
+        let gap = (coarse.at(s).position_mm - fine.at(s).position_mm).norm();
+        // The ends of a sum over four times as many samples differ by half a spacing of weight.
+        assert!(gap < 0.02, "{s} {gap}");
+    }
+}
+
+#[test]
+fn smoothing_that_leaves_no_curve_is_refused_by_name() {
+    let points = circle(100.0, 0.5, 100.0);
+    for smoothing_mm in [201.0, 1e10, 1e60, f64::MAX] {
+        let refused = PositionCurve::through(&points, smoothing_mm);
+        assert_eq!(refused, Err(PositionCurveError::Smoothing { smoothing_mm }));
+    }
+    // The longest accepted: nearly the parabola of least squares, and of about its length.
+    let curve = PositionCurve::through(&points, 199.0).unwrap();
+    assert!(
+        (curve.length_mm() - 100.0).abs() < 5.0,
+        "{}",
+        curve.length_mm()
+    );
+}
+
+#[test]
+fn curves_that_turn_back_are_refused_as_cusps() {
+    let line =
+        |z: &[f64]| -> Vec<_> { z.iter().map(|&z| Vector3::new(0.0, 0.01 * z, z)).collect() };
+    assert_eq!(
+        PositionCurve::through(&line(&[0.0, 1.0, 2.0, 1.0, 0.0]), 0.0),
+        Err(PositionCurveError::Cusp { index: 2 })
+    );
+    let mut wedge = line(&[0.0, 1.0, 2.0, 1.0, 0.0]);
+    wedge[3].x = 1e-3;
+    wedge[4].x = 2e-3;
+    assert!(PositionCurve::through(&wedge, 0.0).is_err());
+    let corner: Vec<_> = [(0.0, 0.0), (0.0, 1.0), (0.0, 2.0), (1.0, 2.0), (2.0, 2.0)]
+        .iter()
+        .map(|&(x, z)| Vector3::new(x, 0.0, z))
+        .collect();
+    // A right angle is a sharp bend, which the excess names, and no cusp.
+    let curve = PositionCurve::through(&corner, 0.0).unwrap();
+    assert!(
+        !curve
+            .curvature_excesses(Needle::new(KAPPA_PER_MM).unwrap(), 0.1)
+            .is_empty()
+    );
+}
+
+#[test]
+fn a_tilted_straight_line_does_not_exceed_a_straight_needle() {
+    let needle = Needle::new(0.0).unwrap();
+    for spacing_mm in [0.01, 0.5, 3.0] {
+        let direction = Vector3::new(0.3, -0.7, 0.9).normalize() * spacing_mm;
+        let line: Vec<_> = (0..200)
+            .map(|i| Vector3::new(50.0, -80.0, 7.0) + direction * f64::from(i))
+            .collect();
+        let curve = PositionCurve::through(&line, 0.0).unwrap();
+        assert_eq!(curve.curvature_excesses(needle, 0.0), [], "{spacing_mm}");
+    }
+    let bent = PositionCurve::through(&circle(1e4, 0.5, 50.0), 0.0).unwrap();
+    assert_eq!(bent.curvature_excesses(needle, 0.0).len(), 1);
 }

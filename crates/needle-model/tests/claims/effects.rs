@@ -261,3 +261,15 @@ proptest! {
         prop_assert!((by_omega - j.b.column(1)).norm() < 1e-8);
     }
 }
+
+#[test]
+fn a_step_of_no_time_changes_no_state() {
+    // A lag above what friction holds at this depth, as after retraction: base = tip + lag stays.
+    let plant = PhysicalNeedle {
+        torsion: Torsion::WindUp(StaticWindUp::at_depth(FRAC_PI_4, 100.0).unwrap()),
+        ..PhysicalNeedle::from(needle())
+    };
+    let mut state = plant.at_entry(&Pose::identity());
+    state.lag_rad = 0.5;
+    assert_eq!(plant.step(&state, turning(3.0), 0.0), Ok(state));
+}

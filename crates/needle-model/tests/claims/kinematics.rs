@@ -49,9 +49,9 @@ fn without_rotation_the_tip_traces_a_circle_of_radius_one_over_kappa() {
         let radius_mm = (pose.position_mm - centre).norm();
         worst_mm = worst_mm.max((radius_mm - 1.0 / KAPPA_PER_MM).abs());
     }
-    // 1e-12 relative to the radius; rounding of 1000 compositions is below it.
-    assert!(worst_mm * KAPPA_PER_MM < 1e-12, "{worst_mm:e}");
-    assert!(pose.position_mm.norm() * KAPPA_PER_MM < 1e-12);
+    // Absolute; rounding of 1000 compositions at 150 mm is half of it.
+    assert!(worst_mm < 1e-12, "{worst_mm:e}");
+    assert!(pose.position_mm.norm() < 1e-12);
 }
 
 #[test]

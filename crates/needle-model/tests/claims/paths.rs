@@ -3,7 +3,7 @@
 use nalgebra::{Vector3, Vector6};
 use needle_model::{
     Input, Needle, PATH_CSV_HEADER, PathFileError, PathProgress, PlannerFile, Pose, ReferencePath,
-    read_planner_poses, write_planner_poses,
+    ReferencePathError, StepError, read_planner_poses, write_planner_poses,
 };
 use proptest::prelude::*;
 
@@ -80,7 +80,6 @@ fn a_window_past_the_end_repeats_the_last_pose_with_zero_input() {
     assert_eq!(window.inputs[..2], path.inputs()[8..]);
     assert!(window.inputs[2..].iter().all(|u| *u == Input::ZERO));
     assert_eq!(path.window_at_time(0.84, 5), window);
-    assert_eq!(path.window(usize::MAX, 2).poses[0], path.poses()[10]);
 }
 
 #[test]
@@ -201,14 +200,38 @@ fn bad_files_name_line_and_reason() {
         Err(PathFileError::Header { .. })
     ));
     let csv = |rows: &str| ReferencePath::from_csv(&format!("{PATH_CSV_HEADER}\n{rows}"));
-    assert_eq!(csv("0,0,0,0,1,0,0,0,1,0"), Err(PathFileError::Empty));
+    assert_eq!(csv("\n"), Err(PathFileError::Empty));
+    assert!(matches!(
+        csv("0,0,0,0,1,0,0,0,0,0"),
+        Err(PathFileError::TimeStep { line: 2, .. })
+    ));
     assert!(matches!(
         csv("0,0,0,0,1,0,0,0,1,0\n0.1,0,0,0.1,1,0,0,0,1,0\n0.3,0,0,0.2,1,0,0,0,0,0"),
         Err(PathFileError::Time { line: 4, .. })
     ));
+    for second in ["0", "-0.1"] {
+        assert!(matches!(
+            csv(&format!(
+                "0,0,0,0,1,0,0,0,1,0\n{second},0,0,0.1,1,0,0,0,0,0"
+            )),
+            Err(PathFileError::TimeOrder { line: 3, .. })
+        ));
+    }
     assert!(matches!(
-        csv("0,0,0,0,1,0,0,0,1,0\n0,0,0,0.1,1,0,0,0,1,0"),
-        Err(PathFileError::Path(_))
+        csv("0,0,0,0,1,0,0,0,1,0\n0.1,0,0,0.1,1,0,0,0,1,0.2"),
+        Err(PathFileError::LastInput { line: 3, omega_rad_s, .. }) if omega_rad_s == 0.2
+    ));
+    assert!(matches!(
+        csv("0,0,0,0,1,0,0,0,1,0\n0.1,1e308,1e308,0.1,1,0,0,0,0,0"),
+        Err(PathFileError::Sample { line: 3, .. })
+    ));
+    assert!(matches!(
+        csv("0,0,0,0,1,0,0,0,1,0\n\n0.1,0,0,0.1,1,0,0,0,1e308,1e308\n1e10,0,0,0,1,0,0,0,0,0"),
+        Err(PathFileError::Time { .. } | PathFileError::Sample { .. })
+    ));
+    assert!(matches!(
+        plan("0 0 0 1 0 0 0\n1e308 1e308 0 1 0 0 0"),
+        Err(PathFileError::Sample { line: 2, .. })
     ));
     assert!(matches!(
         csv("0,0,0,0,1,0,0,0,1,0,7\n"),
@@ -227,4 +250,213 @@ fn samples_that_make_no_path_are_refused() {
     assert!(ReferencePath::from_samples(vec![pose; 3], vec![Input::ZERO], 0.1).is_err());
     assert!(ReferencePath::from_samples(vec![pose; 2], vec![Input::ZERO], -0.1).is_err());
     assert!(ReferencePath::from_poses(vec![pose; 2], 0.0).is_err());
+}
+
+#[test]
+fn a_window_has_one_pose_more_than_inputs_from_any_step() {
+    let path = weaving(10);
+    for step in [0, 5, 10, 11, usize::MAX - 1, usize::MAX] {
+        for horizon in [0, 1, 2, 30] {
+            let window = path.window(step, horizon);
+            assert_eq!(
+                (window.poses.len(), window.inputs.len()),
+                (horizon + 1, horizon),
+                "{step}"
+            );
+            assert_eq!(
+                window.poses[horizon],
+                path.poses()[step.saturating_add(horizon).min(10)]
+            );
+        }
+    }
+}
+
+fn input(v_mm_s: f64, omega_rad_s: f64) -> Input {
+    Input {
+        v_mm_s,
+        omega_rad_s,
+    }
+}
+
+/// Forward, a turn in place, forward.
+fn turning_between(before: usize, turns: usize, after: usize) -> ReferencePath {
+    let mut inputs = vec![input(5.0, 0.0); before];
+    inputs.extend(vec![input(0.0, 1.0); turns]);
+    inputs.extend(vec![input(5.0, 0.0); after]);
+    ReferencePath::from_inputs(needle(), Pose::identity(), inputs, 0.1).unwrap()
+}
+
+#[test]
+fn a_turn_in_place_longer_than_the_lookahead_is_passed_sample_by_sample() {
+    let path = turning_between(10, 30, 20);
+    let mut progress = PathProgress::from_start(20);
+    for (k, pose) in path.poses().iter().enumerate() {
+        assert_eq!(progress.advance(&path, &pose.position_mm), k);
+    }
+}
+
+#[test]
+fn a_needle_that_executes_its_window_orients_and_then_inserts_to_the_end() {
+    let path = turning_between(0, 35, 20);
+    let mut progress = PathProgress::from_start(20);
+    let mut tip = Pose::identity();
+    for _ in 0..55 {
+        let window = progress.window(&path, &tip.position_mm, 1);
+        tip = needle().step(&tip, window.inputs[0], 0.1).unwrap();
+    }
+    assert_eq!(progress.advance(&path, &tip.position_mm), 55);
+    assert!(tip.error_from(&path.poses()[55]).norm() < 1e-12);
+}
+
+#[test]
+fn noise_does_not_skip_a_turn_in_place() {
+    // Noise of two samples: the nearest position alone would lie beyond the turn.
+    let path = turning_between(10, 5, 20);
+    let mut progress = PathProgress::from_start(20);
+    let beyond = path.poses()[17].position_mm;
+    let steps: Vec<usize> = (0..7).map(|_| progress.advance(&path, &beyond)).collect();
+    assert_eq!(steps, [10, 11, 12, 13, 14, 15, 17]);
+}
+
+#[test]
+fn with_a_pose_a_turn_in_place_advances_by_orientation() {
+    let path = turning_between(10, 70, 20);
+    let mut progress = PathProgress::from_start(20);
+    progress.advance_to_pose(&path, &path.poses()[10]);
+    // 70 steps of 0.1 rad are more than a whole turn: the nearest roll ahead, not the last alike.
+    assert_eq!(progress.advance_to_pose(&path, &path.poses()[15]), 15);
+    assert_eq!(progress.advance_to_pose(&path, &path.poses()[15]), 15);
+    assert_eq!(progress.advance_to_pose(&path, &path.poses()[12]), 15);
+    for k in 16..=100 {
+        assert_eq!(progress.advance_to_pose(&path, &path.poses()[k]), k);
+    }
+}
+
+#[test]
+fn the_papers_path_is_followed_to_its_last_sample() {
+    let path = ReferencePath::paper_recipe(needle()).unwrap();
+    let mut progress = PathProgress::from_start(20);
+    for pose in path.poses() {
+        progress.advance(&path, &pose.position_mm);
+    }
+    assert_eq!(progress.step(), 60);
+}
+
+#[test]
+fn a_small_lookahead_does_not_lag_behind_a_fast_tip() {
+    let path = weaving(300);
+    let mut progress = PathProgress::from_start(1);
+    for k in (0..=300).step_by(25) {
+        assert_eq!(progress.advance(&path, &path.poses()[k].position_mm), k);
+    }
+}
+
+#[test]
+fn a_position_that_is_not_a_number_changes_nothing() {
+    let path = turning_between(3, 5, 3);
+    let mut progress = PathProgress::from_start(4);
+    let here = path.poses()[3].position_mm;
+    progress.advance(&path, &here);
+    assert_eq!(progress.advance(&path, &here), 4);
+    assert_eq!(progress.advance(&path, &(here * f64::NAN)), 4);
+}
+
+#[test]
+fn the_first_of_the_bad_poses_is_named() {
+    let mut poses = weaving(5).poses().to_vec();
+    poses[3].position_mm.x = f64::NAN;
+    assert_eq!(
+        ReferencePath::from_poses(poses, 0.1),
+        Err(ReferencePathError::Sample {
+            sample: 3,
+            source: StepError::NonFiniteState
+        })
+    );
+}
+
+#[test]
+fn the_input_at_a_time_is_the_one_held_then() {
+    let path = weaving(10);
+    for k in 0..10 {
+        // 0.3 / 0.1 is 2.9999999999999996.
+        let time_s = k as f64 / 10.0;
+        assert_eq!(path.input_at_time(time_s), path.inputs()[k]);
+        assert_eq!(path.input_at_time(time_s + 0.09), path.inputs()[k]);
+    }
+    for t in [-0.01, 1.0, 99.0, f64::NAN, f64::INFINITY] {
+        assert_eq!(path.input_at_time(t), Input::ZERO);
+    }
+}
+
+#[test]
+fn the_authors_own_path_ends_where_they_recorded_it() {
+    let path = ReferencePath::paper_euler_path().unwrap();
+    assert_eq!((path.poses().len(), path.inputs().len()), (61, 60));
+    // Recorded in 9 digits.
+    let end = path.poses()[60].position_mm - Vector3::new(0.0147752275, -9.61980679, 53.3393393);
+    assert!(end.amax() < 1e-7, "{end}");
+}
+
+#[test]
+fn the_papers_straight_path_is_a_line_of_945_mm() {
+    let path = ReferencePath::paper_straight_path().unwrap();
+    assert_eq!(path.poses().len(), 101);
+    // 90 steps of 10 mm and 10 (0.9 + 0.8 + ... + 0) mm.
+    let end = path.poses()[100].position_mm - Vector3::new(0.0, 0.0, 945.0);
+    assert!(end.norm() < 1e-10, "{end}");
+}
+
+/// CSV of a straight path at the given times, as text.
+fn csv_at(times: impl Iterator<Item = String>) -> String {
+    let mut text = format!("{PATH_CSV_HEADER}\n");
+    for time in times {
+        text += &format!("{time},0,0,0,1,0,0,0,0,0\n");
+    }
+    text
+}
+
+#[test]
+fn rounded_times_give_the_mean_time_step() {
+    let thirtieths = |digits: usize| {
+        let text = csv_at((0..600).map(|k| format!("{:.digits$}", f64::from(k) / 30.0)));
+        ReferencePath::from_csv(&text).unwrap().dt_s()
+    };
+    for digits in [3, 6, 9] {
+        // The ends are off by half a unit of the last digit, spread over 599 steps.
+        let off = (thirtieths(digits) - 1.0 / 30.0).abs();
+        assert!(
+            off < 10f64.powi(-(digits as i32)) / 599.0,
+            "{digits} {off:e}"
+        );
+    }
+    let unix = csv_at((0..500).map(|k| format!("{:.2}", 1.7e9 + 0.01 * f64::from(k))));
+    // Doubles near 1.7e9 are 2.4e-7 apart.
+    assert!((ReferencePath::from_csv(&unix).unwrap().dt_s() - 0.01).abs() < 1e-9);
+}
+
+#[test]
+fn a_missing_row_among_many_is_named() {
+    let rows = (0..400).filter(|&k| k != 250);
+    let text = csv_at(rows.map(|k| format!("{:.3}", f64::from(k) / 30.0)));
+    // Rows 0..249 are in lines 2..251.
+    assert!(matches!(
+        ReferencePath::from_csv(&text),
+        Err(PathFileError::Time { line: 252, .. })
+    ));
+}
+
+#[test]
+fn a_byte_order_mark_is_no_part_of_a_file() {
+    let path = weaving(3);
+    let text = format!("\u{feff}{}", path.to_csv());
+    assert_eq!(ReferencePath::from_csv(&text), Ok(path));
+    let plan = "\u{feff}0 0 0 1 0 0 0";
+    assert!(read_planner_poses(plan, PlannerFile::StartAndGoal).is_ok());
+}
+
+#[test]
+fn a_path_of_one_pose_round_trips() {
+    let pose = Pose::exp(&Vector6::new(1.0, 2.0, 3.0, 0.1, 0.2, 0.3));
+    let path = ReferencePath::from_samples(vec![pose], vec![], 0.04).unwrap();
+    assert_eq!(ReferencePath::from_csv(&path.to_csv()), Ok(path));
 }

@@ -199,6 +199,13 @@ fn a_straight_needle_gets_a_straight_path() {
     let p = PositionPathProblem::new(straight, curve, PositionPathSettings::default()).unwrap();
     let (k, defect) = p.initial_guess().largest_defect(straight).unwrap().unwrap();
     assert!(defect.norm() < 1e-10, "{k} {defect}");
+    // Turning gains a straight needle nothing; rounding of the frames over dt = 0.1.
+    let turning = p
+        .initial_guess()
+        .inputs()
+        .iter()
+        .map(|u| u.omega_rad_s.abs());
+    assert!(turning.fold(0.0, f64::max) < 1e-12);
 }
 
 #[test]
@@ -265,28 +272,93 @@ fn unusable_positions_and_settings_are_refused_by_name() {
     let line = [p(0.0), p(1.0), p(2.0), p(3.0)];
     assert!(PositionCurve::through(&line, -1.0).is_err());
     let curve = through(&line).unwrap();
-    let refused = |settings: PositionPathSettings| {
-        matches!(
-            PositionPathProblem::new(needle(), curve.clone(), settings),
-            Err(PositionPathError::Setting { .. })
-        )
+    let refused = |settings: PositionPathSettings| match PositionPathProblem::new(
+        needle(),
+        curve.clone(),
+        settings,
+    ) {
+        Err(PositionPathError::Setting { setting, .. }) => setting,
+        _ => "",
     };
     let good = PositionPathSettings::default();
-    assert!(!refused(good));
-    assert!(refused(PositionPathSettings { dt_s: 0.0, ..good }));
-    assert!(refused(PositionPathSettings {
+    assert_eq!(refused(good), "");
+    assert_eq!(refused(PositionPathSettings { dt_s: 0.0, ..good }), "dt_s");
+    let crawling = PositionPathSettings {
         speed_mm_s: 1e-12,
         v_min_mm_s: 0.0,
         ..good
-    }));
-    assert!(refused(PositionPathSettings {
+    };
+    assert_eq!(refused(crawling), "speed_mm_s");
+    let unlimited = PositionPathSettings {
         v_max_mm_s: f64::NAN,
         ..good
-    }));
-    assert!(refused(PositionPathSettings {
+    };
+    assert_eq!(refused(unlimited), "v_max_mm_s");
+    let unbounded = PositionPathSettings {
+        v_min_mm_s: f64::NAN,
+        ..good
+    };
+    assert_eq!(refused(unbounded), "v_min_mm_s");
+    let hasty = PositionPathSettings {
         v_min_mm_s: 6.0,
         ..good
-    }));
+    };
+    assert_eq!(refused(hasty), "speed_mm_s");
+    // 3 mm of curve, 50 mm/s at least: not one step.
+    let overshooting = PositionPathSettings {
+        speed_mm_s: 50.0,
+        v_min_mm_s: 50.0,
+        v_max_mm_s: 60.0,
+        ..good
+    };
+    assert_eq!(refused(overshooting), "v_min_mm_s");
+}
+
+#[test]
+fn at_a_fixed_speed_every_target_can_be_reached() {
+    // 30.2 mm at exactly 0.5 mm a step.
+    let line: Vec<_> = (0..152)
+        .map(|i| Vector3::new(0.0, 0.0, 0.2 * f64::from(i)))
+        .collect();
+    let curve = PositionCurve::through(&line, 0.0).unwrap();
+    let settings = PositionPathSettings {
+        v_min_mm_s: 5.0,
+        v_max_mm_s: 5.0,
+        ..PositionPathSettings::default()
+    };
+    let p = PositionPathProblem::new(needle(), curve, settings).unwrap();
+    let targets = p.targets_mm();
+    assert_eq!(targets.len(), 61);
+    for (pair, input) in targets.windows(2).zip(p.initial_guess().inputs()) {
+        assert!(((pair[1] - pair[0]).norm() - input.v_mm_s * 0.1).abs() < 1e-9);
+    }
+    // Short of the end by less than a step.
+    assert!((targets[60].z - 30.0).abs() < 1e-9);
+}
+
+#[test]
+fn the_guess_for_a_circle_too_sharp_stays_near_it() {
+    // Radii below the needle's 150 mm: the closest path leaves the circle by some mm.
+    for (radius_mm, turn_rad) in [(100.0, 3.1), (100.0, 1.5), (140.0, 1.0), (60.0, 1.0)] {
+        for spacing_mm in [0.1, 0.5, 1.0] {
+            let length_mm = radius_mm * turn_rad;
+            let count = (length_mm / spacing_mm) as u32;
+            let arc: Vec<_> = (0..=count)
+                .map(|i| f64::from(i) * spacing_mm / radius_mm)
+                .map(|a| Vector3::new(0.0, a.cos() - 1.0, a.sin()) * radius_mm)
+                .collect();
+            let p = problem(&arc);
+            let guess = p.initial_guess().poses().iter();
+            let off = guess
+                .zip(p.targets_mm())
+                .map(|(g, y)| (g.position_mm - y).norm());
+            let worst = off.fold(0.0, f64::max);
+            assert!(
+                worst < 0.05 * length_mm,
+                "{radius_mm} {spacing_mm}: {worst}"
+            );
+        }
+    }
 }
 
 #[test]
