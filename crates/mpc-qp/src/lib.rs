@@ -10,10 +10,12 @@ mod softening;
 mod solution;
 mod solver;
 mod stage;
+mod structured;
 mod terminal;
 mod validation;
 
 pub mod conic;
+pub mod problems;
 
 pub use certificate::{Blame, BlameEntry, InfeasibilityCertificate, examine_certificate};
 pub use conic::ClarabelSolver;
@@ -27,5 +29,6 @@ pub use residuals::{Residual, Residuals};
 pub use softening::{ConstraintGroup, Penalty, Softening};
 pub use solution::{Solution, SolveStatus};
 pub use solver::{OcpSolver, SolverSettings, Start};
+pub use structured::StructuredSolver;
 pub use stage::{Row, Stage};
 pub use terminal::{HalfSpace, Terminal, TerminalSet};

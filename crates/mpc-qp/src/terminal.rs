@@ -146,7 +146,7 @@ impl<const NX: usize> Terminal<NX> {
         self.x_max = source.x_max;
         match (&mut self.set, &source.set) {
             (TerminalSet::Polytope { faces }, TerminalSet::Polytope { faces: new }) => {
-                faces.copy_from_slice(new)
+                faces.copy_from_slice(new);
             }
             (set, new) => set.clone_from(new),
         }

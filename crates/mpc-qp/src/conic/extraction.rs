@@ -136,7 +136,7 @@ fn terminal_set<const NX: usize, const NU: usize>(
 ) {
     match &mut solution.multipliers.terminal.set {
         TerminalSetMultipliers::Equality(multiplier) => {
-            *multiplier = block(&found.z, layout.terminal_equality())
+            *multiplier = block(&found.z, layout.terminal_equality());
         }
         TerminalSetMultipliers::Ellipsoid { radius, offset } => {
             *radius = finite(found.z[layout.cone()]);

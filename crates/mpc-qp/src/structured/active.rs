@@ -1,0 +1,200 @@
+//! Active-set sweeps: guess which bounds hold with equality, solve one equality-constrained problem, correct the guess.
+//!
+//! A bound in the guess is held by the method of multipliers: weight omega, force z + omega r with r = sign v - bound,
+//! and z moves to z + omega (r + sign dv), computed from the step so that omega never multiplies a rounding error of v. A bound
+//! outside the guess has z = 0. The set that the answer asks for (multiplier positive, or bound violated) is the next guess:
+//! a primal-dual active-set (semismooth Newton) method (Hintermueller, Ito, Kunisch, 2003). It may cycle; the caller
+//! limits the sweeps and falls back to the interior point. A soft bound that is violated has z = rho r (quadratic price)
+//! or z = rho (exact price).
+
+use super::bounds::Lane;
+use super::channel::Channel;
+use super::kernel::{Lanes, larger};
+use super::soft::Price;
+
+/// What an active-set sweep found.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Verdict {
+    /// Bounds whose place in the guess was wrong.
+    pub(super) changes: usize,
+    /// Largest distance of a held value from its bound.
+    pub(super) distance: f64,
+}
+
+impl Verdict {
+    /// Both.
+    pub(super) fn and(self, other: Self) -> Self {
+        Self { changes: self.changes + other.changes, distance: larger(self.distance, other.distance) }
+    }
+}
+
+/// Lane's place in the guess: outside, held at the bound, or beyond a soft bound.
+const OUTSIDE: f64 = 0.0;
+const HELD: f64 = 1.0;
+const BEYOND: f64 = 2.0;
+
+/// Signs of the two sides.
+const SIGN: [f64; 2] = [-1.0, 1.0];
+
+impl Channel {
+    /// Guesses from the present values: a violated bound is held.
+    pub(super) fn guess_from_values(&mut self) {
+        for side in 0..2 {
+            if !self.used[side] {
+                continue;
+            }
+            let beyond = if self.price == Price::Hard { HELD } else { BEYOND };
+            for (lane, v) in self.sides[side].iter_mut().zip(&self.v) {
+                for i in 0..4 {
+                    let violated = lane.on[i] != 0.0 && SIGN[side] * v[i] > lane.bound[i];
+                    lane.place[i] = if violated { beyond } else { OUTSIDE };
+                    lane.z[i] = 0.0;
+                }
+            }
+        }
+    }
+
+    /// Guesses from the present multipliers: a positive one is held.
+    pub(super) fn guess_from_multipliers(&mut self) {
+        for side in 0..2 {
+            if !self.used[side] {
+                continue;
+            }
+            for lane in &mut self.sides[side] {
+                for i in 0..4 {
+                    lane.place[i] = match self.price {
+                        _ if lane.on[i] == 0.0 || lane.z[i] <= 0.0 => OUTSIDE,
+                        Price::Quadratic(_) => BEYOND,
+                        Price::Exact(rho) if lane.z[i] >= (1.0 - 1e-9) * rho => BEYOND,
+                        _ => HELD,
+                    };
+                }
+            }
+        }
+    }
+
+    /// Weights and forces of the guess.
+    #[inline(always)]
+    pub(super) fn hold_active<L: Lanes>(&mut self, lanes: L) {
+        self.weight.fill([0.0; 4]);
+        self.force.fill([0.0; 4]);
+        for side in 0..2 {
+            if !self.used[side] {
+                continue;
+            }
+            let sign = SIGN[side];
+            let places = self.sides[side].iter_mut().zip(&self.v).zip(&mut self.weight).zip(&mut self.force);
+            if self.price == Price::Hard {
+                for (((lane, v), weight), force) in places {
+                    for i in 0..4 {
+                        lane.r[i] = lanes.fma1(sign, v[i], -lane.bound[i]);
+                        weight[i] = lanes.fma1(lane.place[i], self.omega, weight[i]);
+                        let pull = lanes.fma1(self.omega, lane.r[i], lane.z[i]);
+                        force[i] = lanes.fma1(sign * lane.place[i], pull, force[i]);
+                    }
+                }
+            } else {
+                for (((lane, v), weight), force) in places {
+                    for i in 0..4 {
+                        lane.r[i] = sign * v[i] - lane.bound[i];
+                        let (slope, z) = soft_law(lane, i, self.price, self.omega);
+                        weight[i] += slope;
+                        force[i] += sign * (z + slope * lane.r[i]);
+                    }
+                }
+            }
+        }
+        self.hold(true);
+    }
+
+    /// Judges the guess after the step `dv`, corrects it, and moves the values.
+    #[inline(always)]
+    pub(super) fn settle<L: Lanes>(&mut self, lanes: L) -> Verdict {
+        let mut verdict = Verdict::default();
+        for side in 0..2 {
+            if !self.used[side] {
+                continue;
+            }
+            let (sign, omega) = (SIGN[side], self.omega);
+            if self.price == Price::Hard {
+                verdict = verdict.and(settle_hard(lanes, &mut self.sides[side], sign, omega, &self.dv));
+            } else {
+                for (lane, dv) in self.sides[side].iter_mut().zip(&self.dv) {
+                    for i in 0..4 {
+                        verdict = verdict.and(settle_soft(lane, i, sign * dv[i], self.price, omega));
+                    }
+                }
+            }
+        }
+        for fixed in &mut self.fixed {
+            let (lane, i) = (fixed.index / 4, fixed.index % 4);
+            let after = self.v[lane][i] - fixed.target + self.dv[lane][i];
+            fixed.y += self.omega * after;
+            verdict.distance = larger(verdict.distance, after.abs());
+        }
+        for (v, dv) in self.v.iter_mut().zip(&self.dv) {
+            for i in 0..4 {
+                v[i] += dv[i];
+            }
+        }
+        verdict
+    }
+}
+
+#[inline(always)]
+fn settle_hard<L: Lanes>(lanes: L, side: &mut [Lane], sign: f64, omega: f64, dv: &[[f64; 4]]) -> Verdict {
+    let mut changes = [0.0; 4];
+    let mut distance = [0.0; 4];
+    for (lane, dv) in side.iter_mut().zip(dv) {
+        for i in 0..4 {
+            let after = lanes.fma1(sign, dv[i], lane.r[i]);
+            let z = lane.place[i] * lanes.fma1(omega, after, lane.z[i]);
+            distance[i] = larger(distance[i], lane.place[i] * after.abs());
+            // Rounding of the value itself must not call for a bound that holds with equality.
+            let violated = after > 1e-12 * (1.0 + lane.bound[i].abs());
+            let held = lane.place[i] == HELD;
+            let next = lane.on[i] * f64::from(u8::from(if held { z > 0.0 } else { violated }));
+            changes[i] += (next - lane.place[i]).abs();
+            lane.place[i] = next;
+            lane.z[i] = next * z;
+        }
+    }
+    Verdict {
+        changes: (changes[0] + changes[1] + changes[2] + changes[3]) as usize,
+        distance: larger(larger(distance[0], distance[1]), larger(distance[2], distance[3])),
+    }
+}
+
+/// Slope and offset of z = offset + slope r in the present place.
+fn soft_law(lane: &Lane, i: usize, price: Price, omega: f64) -> (f64, f64) {
+    match price {
+        _ if lane.place[i] == OUTSIDE => (0.0, 0.0),
+        Price::Quadratic(rho) => (rho, 0.0),
+        Price::Exact(rho) if lane.place[i] == BEYOND => (0.0, rho),
+        _ => (omega, lane.z[i]),
+    }
+}
+
+fn settle_soft(lane: &mut Lane, i: usize, dv: f64, price: Price, omega: f64) -> Verdict {
+    let after = lane.r[i] + dv;
+    let (slope, offset) = soft_law(lane, i, price, omega);
+    let z = offset + slope * after;
+    let (place, slack) = (lane.place[i], 1e-12 * (1.0 + lane.bound[i].abs()));
+    let next = match price {
+        _ if lane.on[i] == 0.0 => OUTSIDE,
+        Price::Quadratic(_) => if after > 0.0 { BEYOND } else { OUTSIDE },
+        Price::Exact(rho) if place == HELD => {
+            if z <= 0.0 { OUTSIDE } else if z >= rho { BEYOND } else { HELD }
+        }
+        _ if place == BEYOND => if after < 0.0 { HELD } else { BEYOND },
+        _ => if after > slack { HELD } else { OUTSIDE },
+    };
+    let distance = if place == HELD { after.abs() } else { 0.0 };
+    lane.place[i] = next;
+    lane.z[i] = match (price, next) {
+        (_, OUTSIDE) => 0.0,
+        (Price::Exact(rho), _) => z.clamp(0.0, rho),
+        _ => z,
+    };
+    Verdict { changes: usize::from(next != place), distance }
+}

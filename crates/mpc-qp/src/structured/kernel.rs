@@ -1,0 +1,205 @@
+//! Small dense products on fixed arrays, and the run-time choice of instruction set.
+//!
+//! Every product is a sum of scaled columns, four rows at a time, then two, then one: stores and later
+//! loads have the same widths, so that the processor can forward one to the other. The functions are always
+//! inlined into a [`Phase`], compiled once for AVX2 with fused multiply-add and once for the
+//! baseline of the target; [`run`] picks at run time, so a plain release build uses the fast path
+//! wherever the machine has it. AVX-512 is left out on purpose: blocks of six to twelve rows do not
+//! fill its registers, and it was slower.
+
+use std::fmt::Debug;
+
+/// Two and four numbers at a time on one instruction set.
+pub(super) trait Lanes: Copy + Debug {
+    /// Four numbers.
+    type Four: Copy;
+    /// Two numbers.
+    type Two: Copy;
+    /// Reads four numbers.
+    fn load4(self, from: [f64; 4]) -> Self::Four;
+    /// Four numbers as an array.
+    fn store4(self, four: Self::Four) -> [f64; 4];
+    /// a b + c with one number for a.
+    fn fma4(self, a: f64, b: Self::Four, c: Self::Four) -> Self::Four;
+    /// Reads two numbers.
+    fn load2(self, from: [f64; 2]) -> Self::Two;
+    /// Two numbers as an array.
+    fn store2(self, two: Self::Two) -> [f64; 2];
+    /// a b + c with one number for a.
+    fn fma2(self, a: f64, b: Self::Two, c: Self::Two) -> Self::Two;
+    /// a b + c on single numbers, fused only where that is an instruction.
+    fn fma1(self, a: f64, b: f64, c: f64) -> f64;
+}
+
+/// Plain arithmetic for machines without AVX2; the compiler uses what the target has.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Portable;
+
+impl Lanes for Portable {
+    type Four = [f64; 4];
+    type Two = [f64; 2];
+    #[inline(always)]
+    fn load4(self, from: [f64; 4]) -> [f64; 4] {
+        from
+    }
+    #[inline(always)]
+    fn store4(self, four: [f64; 4]) -> [f64; 4] {
+        four
+    }
+    #[inline(always)]
+    fn fma4(self, a: f64, b: [f64; 4], c: [f64; 4]) -> [f64; 4] {
+        [a * b[0] + c[0], a * b[1] + c[1], a * b[2] + c[2], a * b[3] + c[3]]
+    }
+    #[inline(always)]
+    fn load2(self, from: [f64; 2]) -> [f64; 2] {
+        from
+    }
+    #[inline(always)]
+    fn store2(self, two: [f64; 2]) -> [f64; 2] {
+        two
+    }
+    #[inline(always)]
+    fn fma2(self, a: f64, b: [f64; 2], c: [f64; 2]) -> [f64; 2] {
+        [a * b[0] + c[0], a * b[1] + c[1]]
+    }
+    #[inline(always)]
+    fn fma1(self, a: f64, b: f64, c: f64) -> f64 {
+        a * b + c
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Lanes for pulp::x86::V3 {
+    type Four = pulp::f64x4;
+    type Two = pulp::f64x2;
+    #[inline(always)]
+    fn load4(self, from: [f64; 4]) -> pulp::f64x4 {
+        pulp::cast(from)
+    }
+    #[inline(always)]
+    fn store4(self, four: pulp::f64x4) -> [f64; 4] {
+        pulp::cast(four)
+    }
+    #[inline(always)]
+    fn fma4(self, a: f64, b: pulp::f64x4, c: pulp::f64x4) -> pulp::f64x4 {
+        self.mul_add_f64x4(self.splat_f64x4(a), b, c)
+    }
+    #[inline(always)]
+    fn load2(self, from: [f64; 2]) -> pulp::f64x2 {
+        pulp::cast(from)
+    }
+    #[inline(always)]
+    fn store2(self, two: pulp::f64x2) -> [f64; 2] {
+        pulp::cast(two)
+    }
+    #[inline(always)]
+    fn fma2(self, a: f64, b: pulp::f64x2, c: pulp::f64x2) -> pulp::f64x2 {
+        self.mul_add_f64x2(self.splat_f64x2(a), b, c)
+    }
+    #[inline(always)]
+    fn fma1(self, a: f64, b: f64, c: f64) -> f64 {
+        a.mul_add(b, c)
+    }
+}
+
+/// A piece of work that is compiled once per instruction set.
+pub(super) trait Phase {
+    /// What the work returns.
+    type Output;
+    /// Does the work with the given arithmetic. Implement with `#[inline(always)]`.
+    fn run<L: Lanes>(self, lanes: L) -> Self::Output;
+}
+
+#[cfg(target_arch = "x86_64")]
+struct Fused<P>(P, pulp::x86::V3);
+
+#[cfg(target_arch = "x86_64")]
+impl<P: Phase> pulp::NullaryFnOnce for Fused<P> {
+    type Output = P::Output;
+    #[inline(always)]
+    fn call(self) -> P::Output {
+        self.0.run(self.1)
+    }
+}
+
+/// Runs a phase with the widest instruction set that pays.
+#[inline]
+pub(super) fn run<P: Phase>(phase: P) -> P::Output {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(avx2) = pulp::x86::V3::try_new() {
+        return avx2.vectorize(Fused(phase, avx2));
+    }
+    phase.run(Portable)
+}
+
+/// y + sum over j of columns[j] x[j].
+#[inline(always)]
+pub(super) fn add_product<L: Lanes, const R: usize, const C: usize>(
+    lanes: L,
+    columns: &[[f64; R]; C],
+    x: &[f64; C],
+    y: &[f64; R],
+) -> [f64; R] {
+    let mut sum = *y;
+    let mut at = 0;
+    while at + 4 <= R {
+        let four = |v: &[f64; R]| lanes.load4([v[at], v[at + 1], v[at + 2], v[at + 3]]);
+        let mut part = four(y);
+        for j in 0..C {
+            part = lanes.fma4(x[j], four(&columns[j]), part);
+        }
+        sum[at..at + 4].copy_from_slice(&lanes.store4(part));
+        at += 4;
+    }
+    if at + 2 <= R {
+        let two = |v: &[f64; R]| lanes.load2([v[at], v[at + 1]]);
+        let mut part = two(y);
+        for j in 0..C {
+            part = lanes.fma2(x[j], two(&columns[j]), part);
+        }
+        sum[at..at + 2].copy_from_slice(&lanes.store2(part));
+        at += 2;
+    }
+    if at < R {
+        for j in 0..C {
+            sum[at] = lanes.fma1(x[j], columns[j][at], sum[at]);
+        }
+    }
+    sum
+}
+
+/// y - sum over j of columns[j] x[j].
+#[inline(always)]
+pub(super) fn sub_product<L: Lanes, const R: usize, const C: usize>(
+    lanes: L,
+    columns: &[[f64; R]; C],
+    x: &[f64; C],
+    y: &[f64; R],
+) -> [f64; R] {
+    let mut minus = *x;
+    for value in &mut minus {
+        *value = -*value;
+    }
+    add_product(lanes, columns, &minus, y)
+}
+
+/// Inner product.
+#[inline(always)]
+pub(super) fn dot<L: Lanes, const R: usize>(lanes: L, a: &[f64; R], b: &[f64; R]) -> f64 {
+    let mut even = 0.0;
+    let mut odd = 0.0;
+    for i in 0..R {
+        if i % 2 == 0 {
+            even = lanes.fma1(a[i], b[i], even);
+        } else {
+            odd = lanes.fma1(a[i], b[i], odd);
+        }
+    }
+    even + odd
+}
+
+/// Larger of two numbers, one instruction; the second if either is NaN.
+#[inline(always)]
+pub(super) fn larger(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}

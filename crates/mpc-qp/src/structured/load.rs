@@ -1,0 +1,170 @@
+//! From the problem's data to the layout of the Newton system, in place.
+
+use super::channel::Channel;
+use super::cone::Cone;
+use super::kernel::Lanes;
+use super::newton::{Newton, RowData};
+use super::riccati::{Gain, Stage};
+use super::soft::Price;
+use crate::error::SolveError;
+use crate::problem::OcpQp;
+use crate::softening::Penalty;
+use crate::stage::Stage as StageData;
+use crate::terminal::TerminalSet;
+
+fn price(penalty: Penalty) -> Price {
+    match penalty {
+        Penalty::Hard => Price::Hard,
+        Penalty::Exact { weight } => Price::Exact(weight),
+        Penalty::Quadratic { weight } => Price::Quadratic(weight),
+    }
+}
+
+fn face_count<const NX: usize>(set: &TerminalSet<NX>) -> usize {
+    match set {
+        TerminalSet::Equality { .. } => NX,
+        TerminalSet::Polytope { faces } => faces.len(),
+        TerminalSet::None | TerminalSet::Ellipsoid { .. } => 0,
+    }
+}
+
+impl<const NX: usize, const NU: usize> Newton<NX, NU> {
+    /// Memory for problems of the structure of `problem`.
+    pub(super) fn new(problem: &OcpQp<NX, NU>) -> Self {
+        let n = problem.horizon();
+        let softening = problem.softening();
+        let mut row_start = vec![0];
+        for stage in problem.stages() {
+            row_start.push(row_start.last().map_or(0, |last| last + stage.rows.len()));
+        }
+        let row_count = row_start.last().map_or(0, |last| *last);
+        let faces = face_count(&problem.terminal().set);
+        Self {
+            n,
+            stages: vec![Stage::ZERO; n],
+            p: [[0.0; NX]; NX],
+            pv: [0.0; NX],
+            x0: [0.0; NX],
+            u_last: [0.0; NU],
+            row_data: vec![RowData { gx: [0.0; NX], hu: [0.0; NU] }; row_count],
+            row_start,
+            faces: vec![[0.0; NX]; faces],
+            inputs: Channel::new(n * NU, Price::Hard),
+            rates: Channel::new(n * NU, Price::Hard),
+            states: Channel::new(n * NX, price(softening.state_bounds)),
+            rows: Channel::new(row_count, price(softening.rows)),
+            terminal: Channel::new(faces, price(softening.terminal_set)),
+            cone: None,
+            curvature: 1.0,
+            gains: vec![Gain::ZERO; n],
+            feedforward: vec![[0.0; NU]; n],
+            gradient: vec![([0.0; NX], [0.0; NU]); n],
+            terminal_gradient: [0.0; NX],
+        }
+    }
+
+    /// Whether `problem` has the structure that the memory was made for.
+    pub(super) fn check_shape(&self, problem: &OcpQp<NX, NU>) -> Result<(), SolveError> {
+        let mismatch = |field, expected, found| {
+            if expected == found { Ok(()) } else { Err(SolveError::SolverShape { field, expected, found }) }
+        };
+        mismatch("horizon", self.n, problem.horizon())?;
+        for (k, stage) in problem.stages().iter().enumerate() {
+            mismatch("rows of a stage", self.row_start[k + 1] - self.row_start[k], stage.rows.len())?;
+        }
+        mismatch("terminal faces", self.faces.len(), face_count(&problem.terminal().set))?;
+        let softening = problem.softening();
+        let soft = |channel: &Channel| usize::from(channel.price != Price::Hard);
+        mismatch("softness of the state bounds", soft(&self.states), usize::from(softening.state_bounds.is_soft()))?;
+        mismatch("softness of the rows", soft(&self.rows), usize::from(softening.rows.is_soft()))?;
+        mismatch("softness of the terminal set", soft(&self.terminal), usize::from(softening.terminal_set.is_soft()))
+    }
+
+    /// Reads every number of `problem`.
+    #[inline(always)]
+    pub(super) fn load<L: Lanes>(&mut self, _lanes: L, problem: &OcpQp<NX, NU>) {
+        let softening = problem.softening();
+        self.x0 = (*problem.initial_state()).into();
+        self.u_last = (*problem.previous_input()).into();
+        self.inputs.clear(Price::Hard);
+        self.rates.clear(Price::Hard);
+        self.states.clear(price(softening.state_bounds));
+        self.rows.clear(price(softening.rows));
+        self.terminal.clear(price(softening.terminal_set));
+        for (k, stage) in problem.stages().iter().enumerate() {
+            self.load_stage(k, stage);
+            self.load_bounds(k, stage);
+        }
+        let terminal = problem.terminal();
+        self.p = terminal.p.data.0;
+        self.pv = terminal.p_linear.into();
+        for i in 0..NX {
+            self.states.bound((self.n - 1) * NX + i, terminal.x_min[i], terminal.x_max[i]);
+        }
+        self.load_terminal_set(problem);
+    }
+
+    #[inline(always)]
+    fn load_stage(&mut self, k: usize, stage: &StageData<NX, NU>) {
+        let to = &mut self.stages[k];
+        to.a = stage.a.data.0;
+        to.b = stage.b.data.0;
+        to.c = stage.c.into();
+        to.q = stage.q.data.0;
+        to.s = stage.s.data.0;
+        to.r = stage.r.data.0;
+        to.qv = stage.q_linear.into();
+        to.rv = stage.r_linear.into();
+        for i in 0..NX {
+            for j in 0..NX {
+                to.at[i][j] = to.a[j][i];
+            }
+            for j in 0..NU {
+                to.bt[i][j] = to.b[j][i];
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn load_bounds(&mut self, k: usize, stage: &StageData<NX, NU>) {
+        for i in 0..NU {
+            self.inputs.bound(k * NU + i, stage.u_min[i], stage.u_max[i]);
+            self.rates.bound(k * NU + i, stage.du_min[i], stage.du_max[i]);
+        }
+        if k > 0 {
+            for i in 0..NX {
+                self.states.bound((k - 1) * NX + i, stage.x_min[i], stage.x_max[i]);
+            }
+        }
+        for (i, row) in stage.rows.iter().enumerate() {
+            let index = self.row_start[k] + i;
+            let gx: [f64; NX] = if k == 0 { [0.0; NX] } else { row.g_x.into() };
+            let known: f64 = if k == 0 { (0..NX).map(|j| row.g_x[j] * self.x0[j]).sum() } else { 0.0 };
+            self.row_data[index] = RowData { gx, hu: row.h_u.into() };
+            self.rows.bound(index, f64::NEG_INFINITY, row.upper - known);
+        }
+    }
+
+    fn load_terminal_set(&mut self, problem: &OcpQp<NX, NU>) {
+        match &problem.terminal().set {
+            TerminalSet::None | TerminalSet::Ellipsoid { .. } => {}
+            TerminalSet::Equality { target } => {
+                for i in 0..NX {
+                    self.faces[i] = [0.0; NX];
+                    self.faces[i][i] = 1.0;
+                    self.terminal.bound(i, target[i], target[i]);
+                }
+            }
+            TerminalSet::Polytope { faces } => {
+                for (i, face) in faces.iter().enumerate() {
+                    self.faces[i] = face.normal.into();
+                    self.terminal.bound(i, f64::NEG_INFINITY, face.upper);
+                }
+            }
+        }
+        self.cone = problem.terminal_cone().map(|cone| {
+            let price = price(problem.softening().terminal_set);
+            Cone::new(&cone.factor.data.0, (*cone.center).into(), cone.radius, price)
+        });
+    }
+}

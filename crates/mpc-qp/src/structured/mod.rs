@@ -1,0 +1,110 @@
+//! Structured interior point with an active-set path, on memory allocated once.
+//!
+//! See `docs/solver.md` for the derivation. A solve tries active-set sweeps first (`active`): from the last answer if there is one,
+//! else from the unconstrained solution. Where they do not settle, Mehrotra's predictor-corrector (`interior`) takes over
+//! and hands its guess of the active set back as soon as it has one. Every answer is checked against the optimality
+//! conditions before it is called solved.
+
+mod active;
+mod bounds;
+mod channel;
+mod cone;
+mod interior;
+mod kernel;
+mod load;
+mod newton;
+mod read;
+mod riccati;
+mod soft;
+mod sweeps;
+mod write;
+
+use crate::error::SolveError;
+use crate::problem::OcpQp;
+use crate::residuals::Residuals;
+use crate::solution::{Solution, SolveStatus};
+use crate::solver::{OcpSolver, SolverSettings, Start};
+use kernel::{Lanes, Phase, run};
+use newton::{Costates, Newton};
+use std::time::Instant;
+
+/// Structured interior-point solver.
+#[derive(Clone, Debug)]
+pub struct StructuredSolver<const NX: usize, const NU: usize> {
+    settings: SolverSettings,
+    newton: Newton<NX, NU>,
+    costates: Vec<nalgebra::SVector<f64, NX>>,
+    started: Instant,
+    iterations: usize,
+}
+
+struct Load<'a, const NX: usize, const NU: usize>(&'a mut Newton<NX, NU>, &'a OcpQp<NX, NU>);
+
+impl<const NX: usize, const NU: usize> Phase for Load<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        self.0.load(lanes, self.1);
+    }
+}
+
+impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
+    /// Memory for problems of the structure of `problem`.
+    ///
+    /// # Errors
+    /// [`SolveError::Setting`] for settings outside their ranges.
+    pub fn new(problem: &OcpQp<NX, NU>, settings: SolverSettings) -> Result<Self, SolveError> {
+        settings.validate()?;
+        Ok(Self {
+            settings,
+            newton: Newton::new(problem),
+            costates: vec![nalgebra::SVector::zeros(); problem.horizon()],
+            started: Instant::now(),
+            iterations: 0,
+        })
+    }
+
+    /// The limits in force.
+    #[must_use]
+    pub fn settings(&self) -> &SolverSettings {
+        &self.settings
+    }
+
+    fn out_of_time(&self) -> bool {
+        self.settings.time_limit.is_some_and(|limit| self.started.elapsed() >= limit)
+    }
+
+    /// Computes the costates; true if stationarity holds to `tolerance`.
+    fn stationary(&mut self, tolerance: f64) -> bool {
+        let (residual, scale) = run(Costates { newton: &mut self.newton, costates: &mut self.costates });
+        residual <= tolerance * scale
+    }
+}
+
+impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX, NU> {
+    fn solve(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        start: Start,
+        solution: &mut Solution<NX, NU>,
+    ) -> Result<(), SolveError> {
+        self.started = Instant::now();
+        self.iterations = 0;
+        self.newton.check_shape(problem)?;
+        solution.check_shape(problem)?;
+        run(Load(&mut self.newton, problem));
+        let settled = match start {
+            Start::Warm => self.warm_sweeps(solution),
+            Start::Cold => false,
+        };
+        let status = if settled || self.cold_sweeps() { SolveStatus::Solved } else { self.interior_point() };
+        self.newton.write(solution);
+        solution.multipliers.costates.copy_from_slice(&self.costates);
+        solution.status = status;
+        solution.iterations = self.iterations;
+        solution.time = self.started.elapsed();
+        solution.residuals = Residuals::evaluate(problem, solution);
+        solution.objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
+        Ok(())
+    }
+}

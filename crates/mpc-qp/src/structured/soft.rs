@@ -1,0 +1,142 @@
+//! Soft inequalities: the passes of `bounds` for sign v <= bound + e with a price on the slack e.
+//!
+//! Quadratic price rho/2 e^2: e = z / rho is eliminated. Exact price rho e, e >= 0: its multiplier is nu = rho - z.
+//! Both end as dz = w (sign dv + r + target / z - s + shift) with the weight w = 1 / (s / z + kappa), where
+//! kappa = 1 / rho, shift = 0 (quadratic) or kappa = e / nu, shift = e - target_e / nu (exact). The hard
+//! constraint is kappa = shift = 0.
+
+use super::bounds::{Lane, Reach};
+use super::kernel::larger;
+
+/// The price of a side's slacks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Price {
+    /// No slack.
+    Hard,
+    /// rho e.
+    Exact(f64),
+    /// rho/2 e^2.
+    Quadratic(f64),
+}
+
+/// Slacks of four soft inequalities.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SlackLane {
+    /// Slack of the exact penalty, positive.
+    pub(super) e: [f64; 4],
+    /// Its multiplier, positive.
+    pub(super) nu: [f64; 4],
+    de: [f64; 4],
+    kappa: [f64; 4],
+    shift: [f64; 4],
+}
+
+impl SlackLane {
+    /// Unit slacks.
+    pub(super) const ONE: Self = Self { e: [1.0; 4], nu: [1.0; 4], de: [0.0; 4], kappa: [0.0; 4], shift: [0.0; 4] };
+}
+
+/// Puts the multipliers of an exact penalty inside (0, rho) and refreshes the residuals.
+pub(super) fn enter(side: &mut [Lane], slacks: &mut [SlackLane], price: Price) {
+    for (lane, slack) in side.iter_mut().zip(slacks) {
+        for i in 0..4 {
+            if lane.on[i] == 0.0 {
+                continue;
+            }
+            match price {
+                Price::Hard => {}
+                Price::Quadratic(rho) => lane.r[i] -= lane.z[i] / rho,
+                Price::Exact(rho) => {
+                    lane.z[i] = lane.z[i].min(0.5 * rho);
+                    slack.nu[i] = rho - lane.z[i];
+                    slack.e[i] = lane.s[i] * lane.z[i] / slack.nu[i];
+                    lane.r[i] -= slack.e[i];
+                }
+            }
+        }
+    }
+}
+
+/// Weights and affine forces.
+pub(super) fn weigh(
+    (side, slacks): (&mut [Lane], &mut [SlackLane]),
+    sign: f64,
+    price: Price,
+    weight: &mut [[f64; 4]],
+    force: &mut [[f64; 4]],
+) {
+    for (((lane, slack), weight), force) in side.iter_mut().zip(slacks).zip(weight).zip(force) {
+        for i in 0..4 {
+            (slack.kappa[i], slack.shift[i]) = match price {
+                Price::Exact(_) => (slack.e[i] / slack.nu[i], slack.e[i]),
+                Price::Quadratic(rho) => (1.0 / rho, 0.0),
+                Price::Hard => (0.0, 0.0),
+            };
+            lane.inv[i] = 1.0 / lane.s[i];
+            lane.w[i] = lane.on[i] / (lane.s[i] / lane.z[i] + slack.kappa[i]);
+            weight[i] += lane.w[i];
+            let rest = lane.r[i] - lane.s[i] + slack.shift[i];
+            force[i] += sign * (lane.on[i] * lane.z[i] + lane.w[i] * rest);
+            lane.target[i] = 0.0;
+        }
+    }
+}
+
+/// The direction for the present targets, and how far it may go.
+pub(super) fn aim((side, slacks): (&mut [Lane], &mut [SlackLane]), sign: f64, price: Price, dv: &[[f64; 4]]) -> Reach {
+    let mut reach = Reach::FREE;
+    for ((lane, slack), dv) in side.iter_mut().zip(slacks).zip(dv) {
+        for i in 0..4 {
+            let (s, z) = (lane.s[i], lane.z[i]);
+            let aim = lane.on[i] * lane.target[i] / z;
+            let rest = sign * dv[i] + lane.r[i] + aim - s + slack.shift[i];
+            let dz = lane.w[i] * rest;
+            let ds = lane.on[i] * (aim - s - s / z * dz);
+            reach.ratio = larger(reach.ratio, larger(-ds / s, -dz / z));
+            reach.product += ds * dz;
+            if let Price::Exact(_) = price {
+                let de = lane.on[i] * (slack.kappa[i] * dz - slack.shift[i]);
+                reach.ratio = larger(reach.ratio, larger(-de / slack.e[i], dz / slack.nu[i]));
+                reach.product -= de * dz;
+                slack.de[i] = de;
+            }
+            lane.ds[i] = ds;
+            lane.dz[i] = dz;
+        }
+    }
+    reach
+}
+
+/// Forces of the corrector.
+pub(super) fn correct(
+    (side, slacks): (&mut [Lane], &mut [SlackLane]),
+    sign: f64,
+    price: Price,
+    target_mu: f64,
+    force: &mut [[f64; 4]],
+) {
+    for ((lane, slack), force) in side.iter_mut().zip(slacks).zip(force) {
+        for i in 0..4 {
+            lane.target[i] = lane.on[i] * (target_mu - lane.ds[i] * lane.dz[i]);
+            if let Price::Exact(_) = price {
+                slack.shift[i] = slack.e[i] - (target_mu + slack.de[i] * lane.dz[i]) / slack.nu[i];
+            }
+            let rest = lane.r[i] + lane.target[i] / lane.z[i] - lane.s[i] + slack.shift[i];
+            force[i] += sign * (lane.on[i] * lane.z[i] + lane.w[i] * rest);
+        }
+    }
+}
+
+/// Moves the slacks (the lanes are moved by `bounds::advance`); returns the sum of e nu.
+pub(super) fn advance((side, slacks): (&[Lane], &mut [SlackLane]), price: Price, alpha: f64) -> f64 {
+    let Price::Exact(_) = price else { return 0.0 };
+    let mut gap = 0.0;
+    for (lane, slack) in side.iter().zip(slacks) {
+        for i in 0..4 {
+            slack.e[i] += alpha * slack.de[i];
+            slack.nu[i] -= alpha * lane.dz[i];
+            gap += lane.on[i] * slack.e[i] * slack.nu[i];
+        }
+    }
+    gap
+}
