@@ -1,7 +1,15 @@
 #![doc = include_str!("../README.md")]
 
+mod configuration;
 mod controller;
 mod limits;
+mod nmpc;
+mod survival;
+mod tracking;
 
+pub use configuration::ConfigurationError;
 pub use controller::{ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason};
 pub use limits::{InputLimits, LimitsError};
+pub use nmpc::{Convergence, NmpcConfiguration, NmpcController, NmpcWeights, SpinTarget};
+pub use survival::Survival;
+pub use tracking::Tracking;
