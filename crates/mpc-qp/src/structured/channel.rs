@@ -290,6 +290,16 @@ impl Channel {
         }
     }
 
+    /// Multiplies all multipliers.
+    pub(super) fn scale_multipliers(&mut self, factor: f64) {
+        for side in 0..2 {
+            if self.used[side] {
+                self.sides[side].iter_mut().for_each(|lane| lane.z.iter_mut().for_each(|z| *z *= factor));
+            }
+        }
+        self.fixed.iter_mut().for_each(|fixed| fixed.y *= factor);
+    }
+
     /// Forces of the present multipliers.
     pub(super) fn present(&mut self) {
         self.force.fill([0.0; 4]);
@@ -372,6 +382,23 @@ impl Channel {
             }
         }
         (sum, count)
+    }
+
+    /// Cancels a gradient with the multiplier of the bound that it pushes against, if that bound is finite.
+    pub(super) fn absorb(&mut self, index: usize, gradient: f64) {
+        let (l, i) = (index / 4, index % 4);
+        if let Some(fixed) = self.fixed.iter_mut().find(|fixed| fixed.index == index) {
+            fixed.y -= gradient;
+            return;
+        }
+        let [lower, upper] = &mut self.sides;
+        let (push, relief) = if gradient > 0.0 { (&mut lower[l], &mut upper[l]) } else { (&mut upper[l], &mut lower[l]) };
+        if push.on[i] != 0.0 {
+            push.z[i] += gradient.abs();
+            let both = relief.on[i] * push.z[i].min(relief.z[i]);
+            push.z[i] -= both;
+            relief.z[i] -= both;
+        }
     }
 
     /// Largest residual of the fixed components.

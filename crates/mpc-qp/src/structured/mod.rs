@@ -74,6 +74,17 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         self.settings.time_limit.is_some_and(|limit| self.started.elapsed() >= limit)
     }
 
+    /// Writes the iterate; after a failure only if it is finite, else zeros.
+    fn write(&mut self, status: SolveStatus, solution: &mut Solution<NX, NU>) {
+        if !status.has_solution() {
+            self.stationary(1.0);
+        }
+        self.newton.write(solution);
+        for (to, from) in solution.multipliers.costates.iter_mut().zip(&self.costates) {
+            *to = from * self.newton.cost_unit;
+        }
+    }
+
     /// Computes the costates; true if stationarity holds to `tolerance`.
     fn stationary(&mut self, tolerance: f64) -> bool {
         let (residual, scale) = run(Costates { newton: &mut self.newton, costates: &mut self.costates });
@@ -97,9 +108,14 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
             Start::Warm => self.warm_sweeps(solution),
             Start::Cold => false,
         };
-        let status = if settled || self.cold_sweeps() { SolveStatus::Solved } else { self.interior_point() };
-        self.newton.write(solution);
-        solution.multipliers.costates.copy_from_slice(&self.costates);
+        let status = if settled || self.cold_sweeps() {
+            SolveStatus::Solved
+        } else {
+            self.interior_point(problem, solution)
+        };
+        if !matches!(status, SolveStatus::PrimalInfeasible { .. }) {
+            self.write(status, solution);
+        }
         solution.status = status;
         solution.iterations = self.iterations;
         solution.time = self.started.elapsed();

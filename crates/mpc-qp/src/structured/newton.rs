@@ -53,8 +53,8 @@ pub(super) struct Newton<const NX: usize, const NU: usize> {
     pub(super) terminal: Channel,
     /// Terminal ellipsoid.
     pub(super) cone: Option<Cone<NX>>,
-    /// Largest curvature of the cost to go in an input, the unit of the weights that hold bounds.
-    pub(super) curvature: f64,
+    /// The problem's cost over the cost in here, whose curvature in the inputs is about one.
+    pub(super) cost_unit: f64,
     /// Factorised stages.
     pub(super) gains: Vec<Gain<NX, NU>>,
     /// Feedforward inputs of the last backward pass.
@@ -80,17 +80,6 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     /// All channels.
     pub(super) fn channels(&mut self) -> [&mut Channel; 5] {
         [&mut self.inputs, &mut self.rates, &mut self.states, &mut self.rows, &mut self.terminal]
-    }
-
-    /// Reads the curvature off the factorisation of the problem without bounds.
-    pub(super) fn measure_curvature(&mut self) {
-        let mut largest = 0.0;
-        for gain in &self.gains {
-            for i in 0..NU {
-                largest = larger(largest, if gain.inverse[i][i] > 0.0 { 1.0 / gain.inverse[i][i] } else { 0.0 });
-            }
-        }
-        self.curvature = if largest > 1e-12 && largest < 1e12 { largest } else { 1.0 };
     }
 
     /// State at k, from 0 to N.
@@ -362,6 +351,48 @@ impl<const NX: usize, const NU: usize> Phase for Forward<'_, NX, NU> {
             reach = reach.and(cone.direction(lanes, at(&newton.states.dv, newton.n - 1)));
         }
         reach
+    }
+}
+
+/// Turns the multipliers into a Farkas ray: costates by the plain adjoint recursion, what is left in an input absorbed by the
+/// multiplier of its bound where that bound is finite, so that the ray is exact whenever the inputs are bounded.
+pub(super) struct Ray<'a, const NX: usize, const NU: usize> {
+    /// The system.
+    pub(super) newton: &'a mut Newton<NX, NU>,
+    /// Costates of the N dynamics.
+    pub(super) costates: &'a mut [nalgebra::SVector<f64, NX>],
+}
+
+impl<const NX: usize, const NU: usize> Phase for Ray<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let newton = self.newton;
+        for channel in newton.channels() {
+            if channel.any() {
+                channel.present();
+            }
+        }
+        newton.terminal_gradient = [0.0; NX];
+        let mut costate = newton.terminal_force(lanes);
+        if let Some(cone) = &newton.cone {
+            for (sum, force) in costate.iter_mut().zip(cone.force()) {
+                *sum += force;
+            }
+        }
+        for k in (0..newton.n).rev() {
+            self.costates[k] = costate.into();
+            let (mut gx, mut gu) = ([0.0; NX], [0.0; NU]);
+            newton.forces(lanes, k, &mut gx, &mut gu);
+            let pull = add_product(lanes, &newton.stages[k].bt, &costate, &gu);
+            for i in 0..NU {
+                let index = k * NU + i;
+                let rate = newton.rates.force[index / 4][index % 4];
+                let next = if k + 1 < newton.n { newton.rates.force[(index + NU) / 4][(index + NU) % 4] } else { 0.0 };
+                newton.inputs.absorb(index, pull[i] + rate - next);
+            }
+            costate = add_product(lanes, &newton.stages[k].at, &costate, &gx);
+        }
     }
 }
 

@@ -34,6 +34,7 @@ impl<const NX: usize, const NU: usize> Phase for Read<'_, NX, NU> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         let Self { newton, solution } = self;
+        let unit = newton.cost_unit;
         let mut x = newton.x0;
         let mut last = newton.u_last;
         let (states, rows) = (newton.states.any(), newton.rows.any());
@@ -69,6 +70,7 @@ impl<const NX: usize, const NU: usize> Phase for Read<'_, NX, NU> {
         newton.read_equalities(solution);
         newton.read_terminal_set(&from.set);
         for channel in newton.channels() {
+            channel.scale_multipliers(1.0 / unit);
             channel.guess_from_multipliers();
         }
     }
@@ -86,6 +88,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     }
 
     fn read_terminal_set(&mut self, set: &TerminalSetMultipliers<NX>) {
+        let unit = self.cost_unit;
         match set {
             TerminalSetMultipliers::None => {}
             TerminalSetMultipliers::Equality(multiplier) => {
@@ -103,7 +106,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             }
             TerminalSetMultipliers::Ellipsoid { radius, .. } => {
                 if let Some(cone) = &mut self.cone {
-                    cone.guess(*radius);
+                    cone.guess(*radius / unit);
                 }
             }
         }

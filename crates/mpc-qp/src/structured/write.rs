@@ -3,7 +3,7 @@
 use super::channel::Channel;
 use super::newton::Newton;
 use super::soft::Price;
-use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
+use crate::multipliers::{Multipliers, TerminalSetMultipliers, TerminalSetSlacks};
 use crate::solution::Solution;
 use nalgebra::SVector;
 
@@ -48,6 +48,30 @@ fn write_fixed<const M: usize>(channel: &Channel, mut write: impl FnMut(usize, u
     }
 }
 
+/// Multiplies every multiplier but the costates.
+fn scale_multipliers<const NX: usize, const NU: usize>(multipliers: &mut Multipliers<NX, NU>, factor: f64) {
+    for stage in &mut multipliers.stages {
+        for group in [&mut stage.u_min, &mut stage.u_max, &mut stage.du_min, &mut stage.du_max] {
+            *group *= factor;
+        }
+        stage.x_min *= factor;
+        stage.x_max *= factor;
+        stage.rows.iter_mut().for_each(|z| *z *= factor);
+    }
+    let terminal = &mut multipliers.terminal;
+    terminal.x_min *= factor;
+    terminal.x_max *= factor;
+    match &mut terminal.set {
+        TerminalSetMultipliers::None => {}
+        TerminalSetMultipliers::Equality(multiplier) => *multiplier *= factor,
+        TerminalSetMultipliers::Polytope(multipliers) => multipliers.iter_mut().for_each(|z| *z *= factor),
+        TerminalSetMultipliers::Ellipsoid { radius, offset } => {
+            *radius *= factor;
+            *offset *= factor;
+        }
+    }
+}
+
 impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     /// Writes everything but the costates, the status and the account.
     pub(super) fn write(&self, solution: &mut Solution<NX, NU>) {
@@ -77,6 +101,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         }
         self.write_fixed_multipliers(solution);
         self.write_terminal_set(solution);
+        scale_multipliers(&mut solution.multipliers, self.cost_unit);
     }
 
     fn write_fixed_multipliers(&self, solution: &mut Solution<NX, NU>) {
@@ -102,8 +127,8 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                     let (low, high) = multipliers(&self.terminal, i);
                     to[i] = high - low;
                     if let TerminalSetSlacks::Equality(violation) = slack {
-                        let (low, high) = slacks(&self.terminal, i);
-                        violation[i] = high - low;
+                        let lane = &self.terminal.sides[1][i / 4];
+                        violation[i] = lane.on[i % 4] * (self.terminal.v[i / 4][i % 4] - lane.bound[i % 4]);
                     }
                 }
                 for fixed in &self.terminal.fixed {
