@@ -47,6 +47,8 @@ pub struct NmpcConfiguration {
     pub tracking: Tracking,
     /// How far each step is solved.
     pub convergence: Convergence,
+    /// Levenberg-Marquardt term on the change of roll, as a multiple of the plan's mean stage cost.
+    pub damping: f64,
     /// Gauss-Newton steps for each candidate of the first plan.
     pub start_iterations: usize,
     /// Deadline, plans in reserve, outliers.
@@ -64,6 +66,7 @@ impl Default for NmpcConfiguration {
             spin_target: SpinTarget::default(),
             tracking: Tracking::default(),
             convergence: Convergence::RealTime,
+            damping: std::env::var("DAMP").ok().map_or(1.0, |d| d.parse().unwrap()),
             start_iterations: 8,
             survival: Survival::default(),
         }
@@ -79,6 +82,7 @@ impl NmpcConfiguration {
         count("horizon", self.horizon, MOST_STAGES)?;
         count("start_iterations", self.start_iterations, MOST_STAGES)?;
         positive("dt_s", self.dt_s)?;
+        not_negative("damping", self.damping)?;
         self.limits.validate()?;
         self.survival.validate()?;
         if let Convergence::Full {

@@ -7,6 +7,10 @@
 //! to first order in delta, u - u_k and E. The quadratic program has the perturbations as states and the inputs themselves as
 //! inputs, so boxes and rate limits are its own. The measured pose enters by moving the whole plan rigidly: the plant is
 //! left-invariant, so that changes no defect and is exact, however far the needle is from the plan.
+//!
+//! Gauss-Newton leaves out curvature that is proportional to the residuals, and for this plant it is that of the roll: a bend
+//! turned by delta_roll changes as its cosine. Each roll perturbation therefore costs `damping` times the plan's mean stage
+//! cost: a Levenberg-Marquardt term that vanishes with the residuals (Yamashita and Fukushima, 2001).
 
 use super::configuration::{NmpcConfiguration, SpinTarget};
 use super::cost::NmpcWeights;
@@ -30,6 +34,7 @@ pub(crate) struct Shooting<S> {
     spin_target: SpinTarget,
     limits: InputLimits,
     dt_s: f64,
+    damping: f64,
     problem: OcpQp<6, 2>,
     stage: Stage<6, 2>,
     terminal: Terminal<6>,
@@ -118,6 +123,7 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
             limits,
             weights,
             spin_target,
+            damping,
             ..
         } = *configuration;
         let mut stage = Stage::new(Matrix6::identity(), Matrix6x2::zeros());
@@ -137,6 +143,7 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
             spin_target,
             limits,
             dt_s,
+            damping,
             solver: make_solver(&problem)?,
             solution: Solution::new(&problem),
             problem,
@@ -184,6 +191,7 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
         self.problem
             .set_previous_input(&Vector2::new(previous.v_mm_s, previous.omega_rad_s))?;
         let held = self.stage.du_max;
+        let hold = self.damping * self.cost(&self.plan, tracker) / (n + 1) as f64;
         for k in 0..n {
             let (pose, input) = (&self.plan.poses[k], self.plan.inputs[k]);
             let link = link(needle, pose, input, &self.plan.poses[k + 1], self.dt_s)?;
@@ -192,6 +200,7 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
             stage.c = link.defect - link.b * Vector2::new(input.v_mm_s, input.omega_rad_s);
             (stage.a, stage.b) = (link.a, link.b);
             (stage.q_linear, stage.q) = self.weights.running().model(pose, &tracker.poses[k]);
+            stage.q[(5, 5)] += hold;
             stage.r_linear = -stage.r * Vector2::new(wanted.v_mm_s, wanted.omega_rad_s);
             if k == 0 {
                 stage.du_max = Vector2::new(
@@ -207,6 +216,7 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
         self.stage.du_max = held;
         (self.terminal.p_linear, self.terminal.p) =
             self.weights.end().model(&self.plan.poses[n], &tracker.poses[n]);
+        self.terminal.p[(5, 5)] += hold;
         self.problem.set_terminal(&self.terminal)?;
         Ok(())
     }
