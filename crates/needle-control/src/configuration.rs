@@ -1,6 +1,7 @@
 //! What can be wrong with the configuration of a predictive controller, and the checks.
 
 use crate::limits::LimitsError;
+use crate::ltv::TerminalError;
 use mpc_qp::{ProblemError, SolveError};
 
 /// A configuration that makes no controller.
@@ -20,6 +21,9 @@ pub enum ConfigurationError {
     /// The limits of the actuators.
     #[error(transparent)]
     Limits(#[from] LimitsError),
+    /// The terminal ingredients cannot be had for the reference.
+    #[error(transparent)]
+    Terminal(#[from] TerminalError),
     /// The quadratic program refuses the data that follow from the configuration.
     #[error(transparent)]
     Problem(#[from] ProblemError),

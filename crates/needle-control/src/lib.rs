@@ -3,6 +3,7 @@
 mod configuration;
 mod controller;
 mod limits;
+mod ltv;
 mod nmpc;
 mod survival;
 mod tracking;
@@ -10,6 +11,9 @@ mod tracking;
 pub use configuration::ConfigurationError;
 pub use controller::{ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason};
 pub use limits::{InputLimits, LimitsError};
+pub use ltv::{
+    LinearConfiguration, LinearController, LinearWeights, LtvController, StraightController, TerminalChoice, TerminalError,
+};
 pub use nmpc::{Convergence, NmpcConfiguration, NmpcController, NmpcWeights, SpinTarget};
 pub use survival::Survival;
 pub use tracking::Tracking;

@@ -66,7 +66,7 @@ impl Default for NmpcConfiguration {
             spin_target: SpinTarget::default(),
             tracking: Tracking::default(),
             convergence: Convergence::RealTime,
-            damping: std::env::var("DAMP").ok().map_or(1.0, |d| d.parse().unwrap()),
+            damping: 0.2,
             start_iterations: 8,
             survival: Survival::default(),
         }
