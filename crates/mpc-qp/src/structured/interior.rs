@@ -2,7 +2,8 @@
 
 use super::StructuredSolver;
 use super::kernel::run;
-use super::newton::{Advance, Backward, Factorise, Forward, Ray, SolveAbsolute, Weigh};
+use super::passes::{Advance, Backward, Factorise, Forward, Weigh};
+use super::solves::{Ray, SolveAbsolute};
 use crate::certificate::examine_certificate;
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
@@ -32,7 +33,12 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             active += count;
         }
         let scale: f64 = if active > 0.0 { sum / active } else { 1.0 };
-        let mu = 0.1 * if scale.is_finite() { scale.clamp(1e-6, 1e12) } else { 1.0 };
+        let mu = 0.1
+            * if scale.is_finite() {
+                scale.clamp(1e-6, 1e12)
+            } else {
+                1.0
+            };
         for channel in self.newton.channels() {
             channel.center(CENTERING * mu);
         }
@@ -74,14 +80,28 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     }
 
     /// Whether the iterate's multipliers prove infeasibility. Writes the ray into `solution` if so; keeps the iterate.
-    fn infeasible(&mut self, problem: &OcpQp<NX, NU>, solution: &mut Solution<NX, NU>) -> Option<SolveStatus> {
+    fn infeasible(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        solution: &mut Solution<NX, NU>,
+    ) -> Option<SolveStatus> {
         for channel in self.newton.channels() {
             channel.save();
         }
-        run(Ray { newton: &mut self.newton, costates: &mut self.costates });
+        run(Ray {
+            newton: &mut self.newton,
+            costates: &mut self.costates,
+        });
         self.newton.write(solution);
-        solution.multipliers.costates.copy_from_slice(&self.costates);
-        solution.multipliers.costates.iter_mut().for_each(|costate| *costate *= self.newton.cost_unit);
+        solution
+            .multipliers
+            .costates
+            .copy_from_slice(&self.costates);
+        solution
+            .multipliers
+            .costates
+            .iter_mut()
+            .for_each(|costate| *costate *= self.newton.cost_unit);
         let (certificate, blame) = examine_certificate(problem, solution);
         if certificate.residual <= RAY_TOLERANCE && certificate.sign_violation <= RAY_TOLERANCE {
             return Some(SolveStatus::PrimalInfeasible { certificate, blame });
@@ -93,7 +113,11 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     }
 
     /// The interior point.
-    pub(super) fn interior_point(&mut self, problem: &OcpQp<NX, NU>, solution: &mut Solution<NX, NU>) -> SolveStatus {
+    pub(super) fn interior_point(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        solution: &mut Solution<NX, NU>,
+    ) -> SolveStatus {
         let (mut mu, count) = self.start_interior();
         // What is left of the starting residuals.
         let mut infeasible = 1.0;
@@ -106,18 +130,33 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             self.iterations += 1;
             let newton = &mut self.newton;
             run(Weigh(newton));
-            run(Factorise { newton, omega: None });
-            let reach = run(Forward { newton, affine: true });
+            run(Factorise {
+                newton,
+                omega: None,
+            });
+            let reach = run(Forward {
+                newton,
+                affine: true,
+            });
             let alpha = 1.0 / reach.ratio.max(1.0);
             let affine = (1.0 - alpha) * mu + alpha * alpha * reach.product / count.max(1.0);
             let sigma = (affine / mu).clamp(0.0, 1.0).powi(3);
-            run(Backward { newton, target_mu: sigma * mu });
-            let reach = run(Forward { newton, affine: false });
+            run(Backward {
+                newton,
+                target_mu: sigma * mu,
+            });
+            let reach = run(Forward {
+                newton,
+                affine: false,
+            });
             let step = (STEP_FRACTION / reach.ratio.max(1e-300)).min(1.0);
             let before = mu;
             if step > 1e-12 && reach.product.is_finite() {
                 infeasible *= 1.0 - step;
-                mu = run(Advance { newton, alpha: step }) / count.max(1.0);
+                mu = run(Advance {
+                    newton,
+                    alpha: step,
+                }) / count.max(1.0);
             }
             let stuck = !(step > 1e-12 && reach.product.is_finite() && mu.is_finite() && mu < 1e40);
             short_steps = if step < 0.3 { short_steps + 1 } else { 0 };
@@ -136,12 +175,18 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 return SolveStatus::Solved;
             }
             let channels = self.newton.channels();
-            let fixed = channels.iter().map(|channel| channel.fixed_residual()).fold(0.0, f64::max);
-            let converged = mu * count < 0.1 * tolerance && infeasible < 0.1 * tolerance && fixed < 0.1 * tolerance;
+            let fixed = channels
+                .iter()
+                .map(|channel| channel.fixed_residual())
+                .fold(0.0, f64::max);
+            let converged = mu * count < 0.1 * tolerance
+                && infeasible < 0.1 * tolerance
+                && fixed < 0.1 * tolerance;
             if converged && self.stationary(tolerance) {
                 return SolveStatus::Solved;
             }
         }
-        self.infeasible(problem, solution).unwrap_or(SolveStatus::IterationLimit)
+        self.infeasible(problem, solution)
+            .unwrap_or(SolveStatus::IterationLimit)
     }
 }

@@ -24,13 +24,22 @@ fn price(penalty: Penalty, unit: f64) -> Price {
 fn cost_unit<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> f64 {
     let mut largest: f64 = 0.0;
     for (k, stage) in problem.stages().iter().enumerate() {
-        let q = problem.stages().get(k + 1).map_or(&problem.terminal().p, |next| &next.q);
+        let q = problem
+            .stages()
+            .get(k + 1)
+            .map_or(&problem.terminal().p, |next| &next.q);
         for i in 0..NU {
-            let through: f64 = (0..NX).map(|j| stage.b[(j, i)] * stage.b[(j, i)] * q[(j, j)]).sum();
+            let through: f64 = (0..NX)
+                .map(|j| stage.b[(j, i)] * stage.b[(j, i)] * q[(j, j)])
+                .sum();
             largest = largest.max(stage.r[(i, i)] + through);
         }
     }
-    if largest > 0.0 && largest.is_finite() { largest } else { 1.0 }
+    if largest > 0.0 && largest.is_finite() {
+        largest
+    } else {
+        1.0
+    }
 }
 
 fn scaled<const M: usize, const C: usize>(blocks: &[[f64; M]; C], factor: f64) -> [[f64; M]; C] {
@@ -63,7 +72,13 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             pv: [0.0; NX],
             x0: [0.0; NX],
             u_last: [0.0; NU],
-            row_data: vec![RowData { gx: [0.0; NX], hu: [0.0; NU] }; row_count],
+            row_data: vec![
+                RowData {
+                    gx: [0.0; NX],
+                    hu: [0.0; NU]
+                };
+                row_count
+            ],
             row_start,
             faces: vec![[0.0; NX]; faces],
             inputs: Channel::new(n * NU, Price::Hard),
@@ -83,18 +98,46 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     /// Whether `problem` has the structure that the memory was made for.
     pub(super) fn check_shape(&self, problem: &OcpQp<NX, NU>) -> Result<(), SolveError> {
         let mismatch = |field, expected, found| {
-            if expected == found { Ok(()) } else { Err(SolveError::SolverShape { field, expected, found }) }
+            if expected == found {
+                Ok(())
+            } else {
+                Err(SolveError::SolverShape {
+                    field,
+                    expected,
+                    found,
+                })
+            }
         };
         mismatch("horizon", self.n, problem.horizon())?;
         for (k, stage) in problem.stages().iter().enumerate() {
-            mismatch("rows of a stage", self.row_start[k + 1] - self.row_start[k], stage.rows.len())?;
+            mismatch(
+                "rows of a stage",
+                self.row_start[k + 1] - self.row_start[k],
+                stage.rows.len(),
+            )?;
         }
-        mismatch("terminal faces", self.faces.len(), face_count(&problem.terminal().set))?;
+        mismatch(
+            "terminal faces",
+            self.faces.len(),
+            face_count(&problem.terminal().set),
+        )?;
         let softening = problem.softening();
         let soft = |channel: &Channel| usize::from(channel.price != Price::Hard);
-        mismatch("softness of the state bounds", soft(&self.states), usize::from(softening.state_bounds.is_soft()))?;
-        mismatch("softness of the rows", soft(&self.rows), usize::from(softening.rows.is_soft()))?;
-        mismatch("softness of the terminal set", soft(&self.terminal), usize::from(softening.terminal_set.is_soft()))
+        mismatch(
+            "softness of the state bounds",
+            soft(&self.states),
+            usize::from(softening.state_bounds.is_soft()),
+        )?;
+        mismatch(
+            "softness of the rows",
+            soft(&self.rows),
+            usize::from(softening.rows.is_soft()),
+        )?;
+        mismatch(
+            "softness of the terminal set",
+            soft(&self.terminal),
+            usize::from(softening.terminal_set.is_soft()),
+        )
     }
 
     /// Reads every number of `problem`.
@@ -118,7 +161,8 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         self.p = scaled(&terminal.p.data.0, 1.0 / unit);
         self.pv = (terminal.p_linear / unit).into();
         for i in 0..NX {
-            self.states.bound((self.n - 1) * NX + i, terminal.x_min[i], terminal.x_max[i]);
+            self.states
+                .bound((self.n - 1) * NX + i, terminal.x_min[i], terminal.x_max[i]);
         }
         self.load_terminal_set(problem);
     }
@@ -148,19 +192,29 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     #[inline(always)]
     fn load_bounds(&mut self, k: usize, stage: &StageData<NX, NU>) {
         for i in 0..NU {
-            self.inputs.bound(k * NU + i, stage.u_min[i], stage.u_max[i]);
-            self.rates.bound(k * NU + i, stage.du_min[i], stage.du_max[i]);
+            self.inputs
+                .bound(k * NU + i, stage.u_min[i], stage.u_max[i]);
+            self.rates
+                .bound(k * NU + i, stage.du_min[i], stage.du_max[i]);
         }
         if k > 0 {
             for i in 0..NX {
-                self.states.bound((k - 1) * NX + i, stage.x_min[i], stage.x_max[i]);
+                self.states
+                    .bound((k - 1) * NX + i, stage.x_min[i], stage.x_max[i]);
             }
         }
         for (i, row) in stage.rows.iter().enumerate() {
             let index = self.row_start[k] + i;
             let gx: [f64; NX] = if k == 0 { [0.0; NX] } else { row.g_x.into() };
-            let known: f64 = if k == 0 { (0..NX).map(|j| row.g_x[j] * self.x0[j]).sum() } else { 0.0 };
-            self.row_data[index] = RowData { gx, hu: row.h_u.into() };
+            let known: f64 = if k == 0 {
+                (0..NX).map(|j| row.g_x[j] * self.x0[j]).sum()
+            } else {
+                0.0
+            };
+            self.row_data[index] = RowData {
+                gx,
+                hu: row.h_u.into(),
+            };
             self.rows.bound(index, f64::NEG_INFINITY, row.upper - known);
         }
     }
@@ -184,7 +238,12 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         }
         self.cone = problem.terminal_cone().map(|cone| {
             let price = price(problem.softening().terminal_set, self.cost_unit);
-            Cone::new(&cone.factor.data.0, (*cone.center).into(), cone.radius, price)
+            Cone::new(
+                &cone.factor.data.0,
+                (*cone.center).into(),
+                cone.radius,
+                price,
+            )
         });
     }
 }

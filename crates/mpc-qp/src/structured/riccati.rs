@@ -108,7 +108,11 @@ pub(super) fn inverse<L: Lanes, const NU: usize>(lanes: L, m: &[[f64; NU]; NU]) 
     let mut reciprocal = [0.0; NU];
     for j in 0..NU {
         t[j][j] = 1.0;
-        reciprocal[j] = if work[j][j] > 1e-14 * m[j][j] { 1.0 / work[j][j] } else { 0.0 };
+        reciprocal[j] = if work[j][j] > 1e-14 * m[j][j] {
+            1.0 / work[j][j]
+        } else {
+            0.0
+        };
         for i in j + 1..NU {
             let factor = work[j][i] * reciprocal[j];
             for k in i..NU {
@@ -163,7 +167,9 @@ pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
         let column = add_product(lanes, &value.xx, &stage.b[j], &value.xp[j]);
         hxu[j] = add_product(lanes, &stage.at, &column, &cost.s[j]);
         for i in 0..=j {
-            m[j][i] += dot(lanes, &stage.b[i], &column) + dot(lanes, &value.xp[i], &stage.b[j]) + value.pp[j][i];
+            m[j][i] += dot(lanes, &stage.b[i], &column)
+                + dot(lanes, &value.xp[i], &stage.b[j])
+                + value.pp[j][i];
         }
         m[j][j] += cost.u_weight[j];
     }
@@ -193,7 +199,8 @@ pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
     }
     for j in 0..NU {
         for i in 0..NU {
-            value.pp[j][i] = 0.5 * (mi[j][i] * cost.rate_weight[j] + mi[i][j] * cost.rate_weight[i]);
+            value.pp[j][i] =
+                0.5 * (mi[j][i] * cost.rate_weight[j] + mi[i][j] * cost.rate_weight[i]);
         }
     }
     gain.kx = kx;
@@ -222,7 +229,12 @@ fn closed_loop<L: Lanes, const NX: usize, const NU: usize>(
             weights[l] = value.pp[i][l] + cost.r[i][l];
         }
         weights[i] += cost.u_weight[i] + cost.rate_weight[i];
-        rest[i] = add_product(lanes, &rows, &value.xp[i], &sub_product(lanes, kx, &weights, &cost.s[i]));
+        rest[i] = add_product(
+            lanes,
+            &rows,
+            &value.xp[i],
+            &sub_product(lanes, kx, &weights, &cost.s[i]),
+        );
     }
     let mut xx = [[0.0; NX]; NX];
     for j in 0..NX {
@@ -233,7 +245,12 @@ fn closed_loop<L: Lanes, const NX: usize, const NU: usize>(
         for l in 0..NU {
             (k[l], g[l]) = (kx[l][j], rest[l][j]);
         }
-        let column = sub_product(lanes, &value.xp, &k, &add_product(lanes, &value.xx, &f, &[0.0; NX]));
+        let column = sub_product(
+            lanes,
+            &value.xp,
+            &k,
+            &add_product(lanes, &value.xx, &f, &[0.0; NX]),
+        );
         let open = sub_product(lanes, cost.s, &k, &sub_product(lanes, kx, &g, &cost.q[j]));
         xx[j] = add_product(lanes, &rows, &column, &open);
     }

@@ -2,9 +2,10 @@
 
 use super::StructuredSolver;
 use super::kernel::run;
-use super::newton::{Factorise, HoldActive, Resolve, Settle, SolveAbsolute};
+use super::passes::Factorise;
 use super::read::Read;
 use super::soft::Price;
+use super::solves::{HoldActive, Resolve, Settle, SolveAbsolute};
 use crate::solution::Solution;
 
 /// Weight that holds a bound (the cost's curvature in the inputs is about one): large enough that each further solve gains six digits,
@@ -20,7 +21,10 @@ const COLD_SWEEPS: usize = 6;
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     /// Whether active-set sweeps can treat the problem: all but a soft ellipsoid.
     pub(super) fn sweepable(&self) -> bool {
-        self.newton.cone.as_ref().is_none_or(|cone| cone.price == Price::Hard)
+        self.newton
+            .cone
+            .as_ref()
+            .is_none_or(|cone| cone.price == Price::Hard)
     }
 
     /// Sweeps from the guess of a previous answer's multipliers and its inputs.
@@ -28,7 +32,10 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         if !self.sweepable() {
             return false;
         }
-        run(Read { newton: &mut self.newton, solution });
+        run(Read {
+            newton: &mut self.newton,
+            solution,
+        });
         self.sweep(WARM_SWEEPS)
     }
 
@@ -47,7 +54,8 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         if let Some(cone) = &mut self.newton.cone {
             cone.held = false;
         }
-        let bounded = self.newton.channels().iter().any(|channel| channel.any()) || self.newton.cone.is_some();
+        let bounded = self.newton.channels().iter().any(|channel| channel.any())
+            || self.newton.cone.is_some();
         if !bounded {
             self.iterations += 1;
             return self.stationary(self.settings.tolerance);
@@ -66,7 +74,10 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             self.iterations += 1;
             let newton = &mut self.newton;
             run(HoldActive(newton));
-            run(Factorise { newton, omega: Some(OMEGA) });
+            run(Factorise {
+                newton,
+                omega: Some(OMEGA),
+            });
             let mut verdict = run(Settle(newton));
             for _ in 0..6 {
                 if verdict.changes > 0 || verdict.distance <= 0.01 * tolerance {

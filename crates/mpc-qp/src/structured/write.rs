@@ -44,14 +44,27 @@ fn write_pairs<const M: usize>(
 
 fn write_fixed<const M: usize>(channel: &Channel, mut write: impl FnMut(usize, usize, f64, f64)) {
     for fixed in &channel.fixed {
-        write(fixed.index / M, fixed.index % M, (-fixed.y).max(0.0), fixed.y.max(0.0));
+        write(
+            fixed.index / M,
+            fixed.index % M,
+            (-fixed.y).max(0.0),
+            fixed.y.max(0.0),
+        );
     }
 }
 
 /// Multiplies every multiplier but the costates.
-fn scale_multipliers<const NX: usize, const NU: usize>(multipliers: &mut Multipliers<NX, NU>, factor: f64) {
+fn scale_multipliers<const NX: usize, const NU: usize>(
+    multipliers: &mut Multipliers<NX, NU>,
+    factor: f64,
+) {
     for stage in &mut multipliers.stages {
-        for group in [&mut stage.u_min, &mut stage.u_max, &mut stage.du_min, &mut stage.du_max] {
+        for group in [
+            &mut stage.u_min,
+            &mut stage.u_max,
+            &mut stage.du_min,
+            &mut stage.du_max,
+        ] {
             *group *= factor;
         }
         stage.x_min *= factor;
@@ -64,7 +77,9 @@ fn scale_multipliers<const NX: usize, const NU: usize>(multipliers: &mut Multipl
     match &mut terminal.set {
         TerminalSetMultipliers::None => {}
         TerminalSetMultipliers::Equality(multiplier) => *multiplier *= factor,
-        TerminalSetMultipliers::Polytope(multipliers) => multipliers.iter_mut().for_each(|z| *z *= factor),
+        TerminalSetMultipliers::Polytope(multipliers) => {
+            multipliers.iter_mut().for_each(|z| *z *= factor)
+        }
         TerminalSetMultipliers::Ellipsoid { radius, offset } => {
             *radius *= factor;
             *offset *= factor;
@@ -88,14 +103,26 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                 solution.slacks.stages[k].rows[i] = slacks(&self.rows, index).1;
             }
             if k > 0 && self.states.any() {
-                write_pairs(&self.states, k - 1, multipliers, &mut to.x_min, &mut to.x_max);
+                write_pairs(
+                    &self.states,
+                    k - 1,
+                    multipliers,
+                    &mut to.x_min,
+                    &mut to.x_max,
+                );
                 let to = &mut solution.slacks.stages[k];
                 write_pairs(&self.states, k - 1, slacks, &mut to.x_min, &mut to.x_max);
             }
         }
         if self.states.any() {
             let to = &mut solution.multipliers.terminal;
-            write_pairs(&self.states, n - 1, multipliers, &mut to.x_min, &mut to.x_max);
+            write_pairs(
+                &self.states,
+                n - 1,
+                multipliers,
+                &mut to.x_min,
+                &mut to.x_max,
+            );
             let to = &mut solution.slacks.terminal;
             write_pairs(&self.states, n - 1, slacks, &mut to.x_min, &mut to.x_max);
         }
@@ -106,8 +133,12 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
 
     fn write_fixed_multipliers(&self, solution: &mut Solution<NX, NU>) {
         let stages = &mut solution.multipliers.stages;
-        write_fixed::<NU>(&self.inputs, |k, i, low, high| (stages[k].u_min[i], stages[k].u_max[i]) = (low, high));
-        write_fixed::<NU>(&self.rates, |k, i, low, high| (stages[k].du_min[i], stages[k].du_max[i]) = (low, high));
+        write_fixed::<NU>(&self.inputs, |k, i, low, high| {
+            (stages[k].u_min[i], stages[k].u_max[i]) = (low, high)
+        });
+        write_fixed::<NU>(&self.rates, |k, i, low, high| {
+            (stages[k].du_min[i], stages[k].du_max[i]) = (low, high)
+        });
         let terminal = &mut solution.multipliers.terminal;
         write_fixed::<NX>(&self.states, |k, i, low, high| {
             if let Some(stage) = stages.get_mut(k + 1) {
@@ -128,7 +159,8 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                     to[i] = high - low;
                     if let TerminalSetSlacks::Equality(violation) = slack {
                         let lane = &self.terminal.sides[1][i / 4];
-                        violation[i] = lane.on[i % 4] * (self.terminal.v[i / 4][i % 4] - lane.bound[i % 4]);
+                        violation[i] =
+                            lane.on[i % 4] * (self.terminal.v[i / 4][i % 4] - lane.bound[i % 4]);
                     }
                 }
                 for fixed in &self.terminal.fixed {
