@@ -1,0 +1,8 @@
+//! Claims of the predictive controllers: closed loops, stability, survival, memory.
+
+mod closed_loop;
+mod linear;
+mod memory;
+mod nonlinear;
+mod scene;
+mod survival;
