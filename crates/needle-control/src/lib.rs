@@ -5,6 +5,7 @@ mod controller;
 mod limits;
 mod ltv;
 mod nmpc;
+mod reconstruction;
 mod survival;
 mod tracking;
 
@@ -15,5 +16,6 @@ pub use ltv::{
     LinearConfiguration, LinearController, LinearWeights, LtvController, StraightController, TerminalChoice, TerminalError,
 };
 pub use nmpc::{Convergence, NmpcConfiguration, NmpcController, NmpcWeights, SpinTarget};
+pub use reconstruction::{ReconstructedPath, ReconstructionError, reconstruct_path};
 pub use survival::Survival;
 pub use tracking::Tracking;

@@ -38,7 +38,7 @@ impl Default for NmpcWeights {
             tangent: 25.0,
             roll: 0.0,
             v: 1.0,
-            omega: 4e-5,
+            omega: 4.5e-5,
             end_position: 1.0,
             end_tangent: 25.0,
             end_roll: 0.0,

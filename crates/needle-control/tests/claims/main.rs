@@ -4,5 +4,6 @@ mod closed_loop;
 mod linear;
 mod memory;
 mod nonlinear;
+mod reconstruction;
 mod scene;
 mod survival;
