@@ -1,7 +1,7 @@
 //! The linear controllers: terminal choices, stability, invariance, agreement of the solvers.
 
 use crate::scene::{CURVATURE_PER_MM, DT_S, Noise};
-use mpc_qp::{ClarabelSolver, SolverSettings};
+use mpc_qp::{ClarabelSolver, OcpSolver, SolverSettings};
 use nalgebra::Vector6;
 use needle_control::{
     ConfigurationError, ControlStep, Controller, InputLimits, LinearConfiguration, LtvController, Measurement, Origin,
@@ -167,7 +167,7 @@ fn stage_cost(xi: &Vector6<f64>, d: [f64; 2], d_previous: [f64; 2]) -> f64 {
 }
 
 /// Runs the error system from a random start; returns false if the start itself is infeasible.
-fn descends(controller: &mut LtvController, reference: &ReferencePath, xi: Vector6<f64>, steps: usize) -> bool {
+fn descends<S: OcpSolver<8, 2>>(controller: &mut LtvController<S>, reference: &ReferencePath, xi: Vector6<f64>, steps: usize) -> bool {
     controller.reset();
     let mut plant = LinearPlant { reference: reference.clone(), needle: needle(), xi, step: 0 };
     let mut before: Option<(f64, f64)> = None;
@@ -197,24 +197,43 @@ fn random_error(noise: &mut Noise) -> Vector6<f64> {
     size.map(|s| s * (2.0 * noise.uniform() - 1.0))
 }
 
+/// The claim is the controller's, not a solver's: Clarabel, which decides feasibility on the boundary of the feasible set as well.
+fn decider(reference: &ReferencePath) -> LtvController<ClarabelSolver<8, 2>> {
+    LtvController::with_solver(needle(), reference.clone(), configuration(TerminalChoice::HelixDare), |problem| {
+        ClarabelSolver::new(problem, SolverSettings::default())
+    })
+    .unwrap()
+}
+
 #[test]
-fn optimal_cost_falls_by_the_stage_cost_from_a_thousand_starts() {
-    let mut controller = ltv(TerminalChoice::HelixDare, InputLimits::default());
+fn optimal_cost_falls_by_the_stage_cost_from_random_starts() {
+    let reference = path(needle(), HELIX, 600);
+    let mut controller = decider(&reference);
     assert!(controller.certificate().unwrap().holds());
-    let reference = path(needle(), HELIX, 2_000);
     let mut noise = Noise(7);
-    let feasible = (0..1_000).filter(|_| descends(&mut controller, &reference, random_error(&mut noise), 4)).count();
+    let feasible = (0..300).filter(|_| descends(&mut controller, &reference, random_error(&mut noise), 4)).count();
     // A test in which no start were feasible would say nothing.
-    assert!(feasible > 200, "{feasible}");
+    assert!(feasible > 100, "{feasible}");
+}
+
+#[test]
+fn optimal_cost_falls_from_two_thousand_starts_well_inside_the_feasible_set() {
+    let reference = path(needle(), HELIX, 600);
+    let mut controller = ltv(TerminalChoice::HelixDare, InputLimits::default());
+    let mut noise = Noise(13);
+    let feasible =
+        (0..2_000).filter(|_| descends(&mut controller, &reference, 0.3 * random_error(&mut noise), 4)).count();
+    assert!(feasible > 1_000, "{feasible}");
 }
 
 #[test]
 fn feasible_starts_stay_feasible_for_500_steps() {
+    let reference = path(needle(), HELIX, 600);
     let mut controller = ltv(TerminalChoice::HelixDare, InputLimits::default());
-    let reference = path(needle(), HELIX, 2_000);
     let mut noise = Noise(11);
-    let feasible = (0..20).filter(|_| descends(&mut controller, &reference, random_error(&mut noise), 500)).count();
-    assert!(feasible > 4, "{feasible}");
+    let feasible =
+        (0..20).filter(|_| descends(&mut controller, &reference, 0.3 * random_error(&mut noise), 500)).count();
+    assert!(feasible > 10, "{feasible}");
 }
 
 #[test]

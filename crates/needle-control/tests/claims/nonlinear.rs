@@ -87,18 +87,8 @@ fn moving_the_world_changes_no_input() {
 #[test]
 fn both_solvers_give_the_same_input() {
     let scene = Scene::default();
-    // Clarabel's tolerance of 1e-8 is absolute: on weights of 4e-5 it would leave the spin loose by 1e-3.
-    let scale = |weight: f64| weight * 1e4;
-    let weights = NmpcWeights::default();
-    let weights = NmpcWeights {
-        position: scale(weights.position),
-        tangent: scale(weights.tangent),
-        v: scale(weights.v),
-        omega: scale(weights.omega),
-        end_position: scale(weights.end_position),
-        end_tangent: scale(weights.end_tangent),
-        ..weights
-    };
+    // Solvers agree in the objective to 1e-8; at a spin weight of 4.5e-5 that leaves the spin itself loose by 1e-3.
+    let weights = NmpcWeights { omega: 1.0, v: 10.0, position: 100.0, tangent: 2500.0, ..NmpcWeights::default() };
     let configuration = NmpcConfiguration { weights, start_iterations: 1, ..NmpcConfiguration::default() };
     let mut structured = NmpcController::new(scene.model, scene.path(), configuration.clone()).unwrap();
     let mut clarabel = NmpcController::with_solver(scene.model, scene.path(), configuration, |problem| {
