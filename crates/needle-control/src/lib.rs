@@ -13,7 +13,8 @@ pub use configuration::ConfigurationError;
 pub use controller::{ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason};
 pub use limits::{InputLimits, LimitsError};
 pub use ltv::{
-    LinearConfiguration, LinearController, LinearWeights, LtvController, StraightController, TerminalChoice, TerminalError,
+    LinearConfiguration, LinearController, LinearWeights, LtvController, StraightController,
+    TerminalChoice, TerminalError,
 };
 pub use nmpc::{Convergence, NmpcConfiguration, NmpcController, NmpcWeights, SpinTarget};
 pub use reconstruction::{ReconstructedPath, ReconstructionError, reconstruct_path};

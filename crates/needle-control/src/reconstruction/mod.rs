@@ -7,7 +7,8 @@
 
 use crate::tracking::link;
 use mpc_qp::{
-    OcpQp, OcpSolver, ProblemError, Solution, SolveError, SolverSettings, Stage, Start, StructuredSolver, Terminal,
+    OcpQp, OcpSolver, ProblemError, Solution, SolveError, SolverSettings, Stage, Start,
+    StructuredSolver, Terminal,
 };
 use nalgebra::{Matrix6, Matrix6x2, Vector2, Vector6};
 use needle_model::{
@@ -67,7 +68,9 @@ pub enum ReconstructionError {
 ///
 /// # Errors
 /// [`ReconstructionError`], which a problem that `needle-model` accepted should not cause.
-pub fn reconstruct_path(problem: &PositionPathProblem) -> Result<ReconstructedPath, ReconstructionError> {
+pub fn reconstruct_path(
+    problem: &PositionPathProblem,
+) -> Result<ReconstructedPath, ReconstructionError> {
     let mut search = Search::new(problem)?;
     let mut converged = false;
     let mut iterations = 0;
@@ -77,8 +80,17 @@ pub fn reconstruct_path(problem: &PositionPathProblem) -> Result<ReconstructedPa
         converged = fall.is_some_and(|fall| fall < SETTLED) || search.damping > DAMPING[2];
     }
     let guess = problem.initial_guess();
-    let path = ReferencePath::from_inputs(problem.needle(), guess.poses()[0], search.inputs, guess.dt_s())?;
-    let distances = path.poses().iter().zip(problem.targets_mm()).map(|(pose, y)| (pose.position_mm - y).norm());
+    let path = ReferencePath::from_inputs(
+        problem.needle(),
+        guess.poses()[0],
+        search.inputs,
+        guess.dt_s(),
+    )?;
+    let distances = path
+        .poses()
+        .iter()
+        .zip(problem.targets_mm())
+        .map(|(pose, y)| (pose.position_mm - y).norm());
     let (mut squares, mut worst) = (0.0, (0, 0.0));
     for (step, distance) in distances.enumerate() {
         squares += distance * distance;
@@ -90,7 +102,9 @@ pub fn reconstruct_path(problem: &PositionPathProblem) -> Result<ReconstructedPa
         rms_mm: f64::sqrt(squares / path.poses().len() as f64),
         worst_mm: worst.1,
         worst_step: worst.0,
-        excesses: problem.curve().curvature_excesses(problem.needle(), EXCESS_MARGIN),
+        excesses: problem
+            .curve()
+            .curvature_excesses(problem.needle(), EXCESS_MARGIN),
         path,
         iterations,
         converged,
@@ -139,14 +153,24 @@ impl<'a> Search<'a> {
                 gap += stage.step.value.lp_norm(1);
             }
         }
-        Ok((cost + 0.5 * self.problem.terminal(&poses[inputs.len()]).value.norm_squared(), gap))
+        Ok((
+            cost + 0.5
+                * self
+                    .problem
+                    .terminal(&poses[inputs.len()])
+                    .value
+                    .norm_squared(),
+            gap,
+        ))
     }
 
     fn linearise(&mut self, hold: f64) -> Result<(), ReconstructionError> {
         let dt_s = self.problem.settings().dt_s;
         for (k, &input) in self.inputs.iter().enumerate() {
             let (pose, next) = (&self.poses[k], &self.poses[k + 1]);
-            let Some(terms) = self.problem.stage(k, pose, input, next)? else { continue };
+            let Some(terms) = self.problem.stage(k, pose, input, next)? else {
+                continue;
+            };
             let link = link(&self.problem.needle(), pose, input, next, dt_s)?;
             let here = Vector2::new(input.v_mm_s, input.omega_rad_s);
             let stage = &mut self.stage;
@@ -172,7 +196,8 @@ impl<'a> Search<'a> {
         let (cost, gap) = self.merit_terms(&self.poses, &self.inputs)?;
         let mean = cost / self.poses.len() as f64;
         self.linearise(self.damping * mean)?;
-        self.solver.solve(&self.program, Start::Cold, &mut self.solution)?;
+        self.solver
+            .solve(&self.program, Start::Cold, &mut self.solution)?;
         let rejected = |search: &mut Self| {
             search.damping *= 10.0;
             Ok(None)
@@ -181,10 +206,15 @@ impl<'a> Search<'a> {
             return rejected(self);
         }
         let costates = &self.solution.multipliers.costates;
-        self.penalty = self.penalty.max(costates.iter().map(|y| 1.5 * y.amax()).fold(0.0, f64::max));
+        self.penalty = self
+            .penalty
+            .max(costates.iter().map(|y| 1.5 * y.amax()).fold(0.0, f64::max));
         let steps = self.poses.iter().zip(&self.solution.x);
         let poses: Vec<_> = steps.map(|(pose, x)| pose.perturbed(x)).collect();
-        let moved = |u: &Vector2<f64>| Input { v_mm_s: u[0], omega_rad_s: u[1] };
+        let moved = |u: &Vector2<f64>| Input {
+            v_mm_s: u[0],
+            omega_rad_s: u[1],
+        };
         let inputs: Vec<_> = self.solution.u.iter().map(moved).collect();
         let (new_cost, new_gap) = self.merit_terms(&poses, &inputs)?;
         let (before, after) = (cost + self.penalty * gap, new_cost + self.penalty * new_gap);

@@ -173,10 +173,7 @@ impl Guard {
     /// Forgets the plan and brings the needle to rest.
     pub(crate) fn stop(&mut self, sample: &Sample, reason: StopReason) -> (Input, Origin) {
         self.plan.clear();
-        (
-            self.apply(Input::ZERO, sample),
-            Origin::Stop { reason },
-        )
+        (self.apply(Input::ZERO, sample), Origin::Stop { reason })
     }
 
     /// As newly made.

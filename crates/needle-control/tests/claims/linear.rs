@@ -4,12 +4,15 @@ use crate::scene::{CURVATURE_PER_MM, DT_S, Noise};
 use mpc_qp::{ClarabelSolver, OcpSolver, SolverSettings};
 use nalgebra::Vector6;
 use needle_control::{
-    ConfigurationError, ControlStep, Controller, InputLimits, LinearConfiguration, LtvController, Measurement, Origin,
-    StraightController, TerminalChoice, TerminalError,
+    ConfigurationError, ControlStep, Controller, InputLimits, LinearConfiguration, LtvController,
+    Measurement, Origin, StraightController, TerminalChoice, TerminalError,
 };
 use needle_model::{Input, Needle, Pose, ReferencePath};
 
-const HELIX: Input = Input { v_mm_s: 5.0, omega_rad_s: 1.0 };
+const HELIX: Input = Input {
+    v_mm_s: 5.0,
+    omega_rad_s: 1.0,
+};
 
 fn needle() -> Needle {
     Needle::new(CURVATURE_PER_MM).unwrap()
@@ -30,11 +33,17 @@ fn wide() -> InputLimits {
 }
 
 fn configuration(terminal: TerminalChoice) -> LinearConfiguration {
-    LinearConfiguration { terminal, ..LinearConfiguration::default() }
+    LinearConfiguration {
+        terminal,
+        ..LinearConfiguration::default()
+    }
 }
 
 fn ltv(terminal: TerminalChoice, limits: InputLimits) -> LtvController {
-    let configuration = LinearConfiguration { limits, ..configuration(terminal) };
+    let configuration = LinearConfiguration {
+        limits,
+        ..configuration(terminal)
+    };
     LtvController::new(needle(), path(needle(), HELIX, 2_000), configuration).unwrap()
 }
 
@@ -54,7 +63,10 @@ impl LinearPlant {
     fn advance(&mut self, input: Input) {
         let wanted = self.reference.inputs()[self.step];
         let jacobians = self.needle.linearise(wanted, DT_S).unwrap();
-        let d = nalgebra::Vector2::new(input.v_mm_s - wanted.v_mm_s, input.omega_rad_s - wanted.omega_rad_s);
+        let d = nalgebra::Vector2::new(
+            input.v_mm_s - wanted.v_mm_s,
+            input.omega_rad_s - wanted.omega_rad_s,
+        );
         self.xi = jacobians.a * self.xi + jacobians.b * d;
         self.step += 1;
     }
@@ -71,7 +83,12 @@ fn zero_error_returns_the_reference_input() {
     assert!(matches!(step.origin, Origin::Optimal), "{:?}", step.origin);
     // From rest the change of the deviation costs at once; without rate limits the optimum still starts near the reference.
     let first = step.input;
-    let mut plant = LinearPlant { reference: path(needle(), HELIX, 2_000), needle: needle(), xi: Vector6::zeros(), step: 0 };
+    let mut plant = LinearPlant {
+        reference: path(needle(), HELIX, 2_000),
+        needle: needle(),
+        xi: Vector6::zeros(),
+        step: 0,
+    };
     plant.advance(first);
     for _ in 0..200 {
         let input = controller.step(&plant.measurement(), plant.time_s()).input;
@@ -79,7 +96,11 @@ fn zero_error_returns_the_reference_input() {
     }
     let input = controller.step(&plant.measurement(), plant.time_s()).input;
     // The error decays to zero, and the input to the reference's, at the rate of the closed loop.
-    assert!((input.v_mm_s - HELIX.v_mm_s).abs() < 1e-6 && (input.omega_rad_s - HELIX.omega_rad_s).abs() < 1e-6, "{input:?}");
+    assert!(
+        (input.v_mm_s - HELIX.v_mm_s).abs() < 1e-6
+            && (input.omega_rad_s - HELIX.omega_rad_s).abs() < 1e-6,
+        "{input:?}"
+    );
 }
 
 /// First input deviation of an unconstrained controller against the gain of its own Riccati solution, for both horizons.
@@ -90,27 +111,67 @@ fn unconstrained_mpc_equals_lqr() {
     let jacobians = needle().linearise(HELIX, DT_S).unwrap();
     let a = Mat::from_fn(6, 6, |i, j| jacobians.a[(i, j)]);
     let b = Mat::from_fn(6, 2, |i, j| jacobians.b[(i, j)]);
-    let diagonal = |values: &[f64]| Mat::from_fn(values.len(), values.len(), |i, j| if i == j { values[i] } else { 0.0 });
+    let diagonal = |values: &[f64]| {
+        Mat::from_fn(values.len(), values.len(), |i, j| {
+            if i == j { values[i] } else { 0.0 }
+        })
+    };
     let (q, r, r_rate) = (
         diagonal(&weights.error),
         diagonal(&[weights.v, weights.omega]),
         diagonal(&[weights.v_change, weights.omega_change]),
     );
-    let augmented = lqr::RateAugmented::new(a.as_ref(), b.as_ref(), q.as_ref(), r.as_ref(), r_rate.as_ref()).unwrap();
-    let dare = lqr::Dare::new(augmented.a.as_ref(), augmented.b.as_ref(), augmented.q.as_ref(), augmented.r.as_ref())
-        .with_cross(augmented.s.as_ref());
+    let augmented = lqr::RateAugmented::new(
+        a.as_ref(),
+        b.as_ref(),
+        q.as_ref(),
+        r.as_ref(),
+        r_rate.as_ref(),
+    )
+    .unwrap();
+    let dare = lqr::Dare::new(
+        augmented.a.as_ref(),
+        augmented.b.as_ref(),
+        augmented.q.as_ref(),
+        augmented.r.as_ref(),
+    )
+    .with_cross(augmented.s.as_ref());
     let gain = dare.solve().unwrap().k;
     let xi = Vector6::new(0.02, -0.01, 0.03, 0.001, -0.002, 0.004);
     // At rest before the first step: the deviation applied last is minus the reference input.
-    let state = [xi[0], xi[1], xi[2], xi[3], xi[4], xi[5], -HELIX.v_mm_s, -HELIX.omega_rad_s];
-    let law: Vec<f64> = (0..2).map(|i| (0..8).map(|j| gain[(i, j)] * state[j]).sum()).collect();
+    let state = [
+        xi[0],
+        xi[1],
+        xi[2],
+        xi[3],
+        xi[4],
+        xi[5],
+        -HELIX.v_mm_s,
+        -HELIX.omega_rad_s,
+    ];
+    let law: Vec<f64> = (0..2)
+        .map(|i| (0..8).map(|j| gain[(i, j)] * state[j]).sum())
+        .collect();
     for horizon in [5, 20] {
-        let configuration = LinearConfiguration { horizon, limits: wide(), ..configuration(TerminalChoice::HelixDare) };
-        let mut controller = LtvController::new(needle(), path(needle(), HELIX, 2_000), configuration).unwrap();
-        let input = controller.step(&Measurement::of(Pose::identity().perturbed(&xi)), 0.0).input;
+        let configuration = LinearConfiguration {
+            horizon,
+            limits: wide(),
+            ..configuration(TerminalChoice::HelixDare)
+        };
+        let mut controller =
+            LtvController::new(needle(), path(needle(), HELIX, 2_000), configuration).unwrap();
+        let input = controller
+            .step(&Measurement::of(Pose::identity().perturbed(&xi)), 0.0)
+            .input;
         // du = K x with u_prev = 0, so du is the input. The solver's tolerance is 1e-8 of entries near 5.
-        assert!((input.v_mm_s - law[0]).abs() < 1e-6, "{horizon}: {input:?} {law:?}");
-        assert!((input.omega_rad_s - law[1]).abs() < 1e-6, "{horizon}: {input:?} {law:?}");
+        assert!(
+            (input.v_mm_s - law[0]).abs() < 1e-6,
+            "{horizon}: {input:?} {law:?}"
+        );
+        assert!(
+            (input.omega_rad_s - law[1]).abs() < 1e-6,
+            "{horizon}: {input:?} {law:?}"
+        );
     }
 }
 
@@ -119,7 +180,11 @@ fn moving_the_world_changes_no_input() {
     let world = Pose::exp(&Vector6::new(30.0, -20.0, 10.0, 1.0, -2.0, 0.5));
     let start = Pose::exp(&Vector6::new(0.3, -0.2, 0.1, 0.02, -0.01, 0.3));
     let original = path(needle(), HELIX, 300);
-    let poses = original.poses().iter().map(|pose| world.compose(pose)).collect();
+    let poses = original
+        .poses()
+        .iter()
+        .map(|pose| world.compose(pose))
+        .collect();
     let moved = ReferencePath::from_samples(poses, original.inputs().to_vec(), DT_S).unwrap();
     let configuration = configuration(TerminalChoice::HelixDare);
     let mut here = LtvController::new(needle(), original, configuration.clone()).unwrap();
@@ -128,9 +193,15 @@ fn moving_the_world_changes_no_input() {
     for step in 0..50 {
         let time_s = step as f64 * DT_S;
         let input = here.step(&Measurement::of(pose), time_s).input;
-        let same = there.step(&Measurement::of(world.compose(&pose)), time_s).input;
+        let same = there
+            .step(&Measurement::of(world.compose(&pose)), time_s)
+            .input;
         // Rounding of 40 mm coordinates, 1e-14, through the solver's tolerance of 1e-8.
-        assert!((input.v_mm_s - same.v_mm_s).abs() < 1e-6 && (input.omega_rad_s - same.omega_rad_s).abs() < 1e-6, "{step}");
+        assert!(
+            (input.v_mm_s - same.v_mm_s).abs() < 1e-6
+                && (input.omega_rad_s - same.omega_rad_s).abs() < 1e-6,
+            "{step}"
+        );
         pose = needle().step(&pose, input, DT_S).unwrap();
     }
 }
@@ -149,7 +220,9 @@ fn both_solvers_give_the_same_input() {
         let time_s = step as f64 * DT_S;
         let input = structured.step(&Measurement::of(pose), time_s).input;
         let other = clarabel.step(&Measurement::of(pose), time_s).input;
-        let difference = (input.v_mm_s - other.v_mm_s).abs().max((input.omega_rad_s - other.omega_rad_s).abs());
+        let difference = (input.v_mm_s - other.v_mm_s)
+            .abs()
+            .max((input.omega_rad_s - other.omega_rad_s).abs());
         assert!(difference < 1e-5, "step {step}: {input:?} {other:?}");
         pose = needle().step(&pose, input, DT_S).unwrap();
     }
@@ -167,23 +240,43 @@ fn stage_cost(xi: &Vector6<f64>, d: [f64; 2], d_previous: [f64; 2]) -> f64 {
 }
 
 /// Runs the error system from a random start; returns false if the start itself is infeasible.
-fn descends<S: OcpSolver<8, 2>>(controller: &mut LtvController<S>, reference: &ReferencePath, xi: Vector6<f64>, steps: usize) -> bool {
+fn descends<S: OcpSolver<8, 2>>(
+    controller: &mut LtvController<S>,
+    reference: &ReferencePath,
+    xi: Vector6<f64>,
+    steps: usize,
+) -> bool {
     controller.reset();
-    let mut plant = LinearPlant { reference: reference.clone(), needle: needle(), xi, step: 0 };
+    let mut plant = LinearPlant {
+        reference: reference.clone(),
+        needle: needle(),
+        xi,
+        step: 0,
+    };
     let mut before: Option<(f64, f64)> = None;
     let mut d_previous = [-HELIX.v_mm_s, -HELIX.omega_rad_s];
     for step in 0..steps {
-        let ControlStep { input, origin, .. } = controller.step(&plant.measurement(), plant.time_s());
+        let ControlStep { input, origin, .. } =
+            controller.step(&plant.measurement(), plant.time_s());
         if step == 0 && !matches!(origin, Origin::Optimal) {
             return false;
         }
-        assert!(matches!(origin, Origin::Optimal), "feasibility lost at step {step} from {xi:?}: {origin:?}");
+        assert!(
+            matches!(origin, Origin::Optimal),
+            "feasibility lost at step {step} from {xi:?}: {origin:?}"
+        );
         let value = controller.value();
         if let Some((last, cost)) = before {
             // Both values carry the solver's relative tolerance of 1e-8, some digits lost in the sum of 20 stages.
-            assert!(value <= last - cost + 1e-6 * (1.0 + last), "V rose at step {step} from {xi:?}: {value} {last} {cost}");
+            assert!(
+                value <= last - cost + 1e-6 * (1.0 + last),
+                "V rose at step {step} from {xi:?}: {value} {last} {cost}"
+            );
         }
-        let d = [input.v_mm_s - HELIX.v_mm_s, input.omega_rad_s - HELIX.omega_rad_s];
+        let d = [
+            input.v_mm_s - HELIX.v_mm_s,
+            input.omega_rad_s - HELIX.omega_rad_s,
+        ];
         before = Some((value, stage_cost(&plant.xi, d, d_previous)));
         d_previous = d;
         plant.advance(input);
@@ -199,9 +292,12 @@ fn random_error(noise: &mut Noise) -> Vector6<f64> {
 
 /// The claim is the controller's, not a solver's: Clarabel, which decides feasibility on the boundary of the feasible set as well.
 fn decider(reference: &ReferencePath) -> LtvController<ClarabelSolver<8, 2>> {
-    LtvController::with_solver(needle(), reference.clone(), configuration(TerminalChoice::HelixDare), |problem| {
-        ClarabelSolver::new(problem, SolverSettings::default())
-    })
+    LtvController::with_solver(
+        needle(),
+        reference.clone(),
+        configuration(TerminalChoice::HelixDare),
+        |problem| ClarabelSolver::new(problem, SolverSettings::default()),
+    )
     .unwrap()
 }
 
@@ -211,7 +307,9 @@ fn optimal_cost_falls_by_the_stage_cost_from_random_starts() {
     let mut controller = decider(&reference);
     assert!(controller.certificate().unwrap().holds());
     let mut noise = Noise(7);
-    let feasible = (0..300).filter(|_| descends(&mut controller, &reference, random_error(&mut noise), 4)).count();
+    let feasible = (0..300)
+        .filter(|_| descends(&mut controller, &reference, random_error(&mut noise), 4))
+        .count();
     // A test in which no start were feasible would say nothing.
     assert!(feasible > 100, "{feasible}");
 }
@@ -221,8 +319,16 @@ fn optimal_cost_falls_from_two_thousand_starts_well_inside_the_feasible_set() {
     let reference = path(needle(), HELIX, 600);
     let mut controller = ltv(TerminalChoice::HelixDare, InputLimits::default());
     let mut noise = Noise(13);
-    let feasible =
-        (0..2_000).filter(|_| descends(&mut controller, &reference, 0.3 * random_error(&mut noise), 4)).count();
+    let feasible = (0..2_000)
+        .filter(|_| {
+            descends(
+                &mut controller,
+                &reference,
+                0.3 * random_error(&mut noise),
+                4,
+            )
+        })
+        .count();
     assert!(feasible > 1_000, "{feasible}");
 }
 
@@ -231,20 +337,39 @@ fn feasible_starts_stay_feasible_for_500_steps() {
     let reference = path(needle(), HELIX, 600);
     let mut controller = ltv(TerminalChoice::HelixDare, InputLimits::default());
     let mut noise = Noise(11);
-    let feasible =
-        (0..20).filter(|_| descends(&mut controller, &reference, 0.3 * random_error(&mut noise), 500)).count();
+    let feasible = (0..20)
+        .filter(|_| {
+            descends(
+                &mut controller,
+                &reference,
+                0.3 * random_error(&mut noise),
+                500,
+            )
+        })
+        .count();
     assert!(feasible > 10, "{feasible}");
 }
 
 #[test]
 fn auto_takes_the_strongest_terminal_that_the_reference_admits() {
     let chosen = |path| {
-        let controller = LtvController::new(needle(), path, configuration(TerminalChoice::Auto)).unwrap();
+        let controller =
+            LtvController::new(needle(), path, configuration(TerminalChoice::Auto)).unwrap();
         controller.terminal()
     };
-    assert_eq!(chosen(path(needle(), HELIX, 100)), TerminalChoice::HelixDare);
+    assert_eq!(
+        chosen(path(needle(), HELIX, 100)),
+        TerminalChoice::HelixDare
+    );
     // Along a planar arc two errors cannot be corrected: no stationary solution, but a chain.
-    let arc = path(needle(), Input { omega_rad_s: 0.0, ..HELIX }, 100);
+    let arc = path(
+        needle(),
+        Input {
+            omega_rad_s: 0.0,
+            ..HELIX
+        },
+        100,
+    );
     assert_eq!(chosen(arc), TerminalChoice::RiccatiChain);
     let point = ReferencePath::from_samples(vec![Pose::identity()], vec![], DT_S).unwrap();
     assert_eq!(chosen(point), TerminalChoice::None);
@@ -252,18 +377,31 @@ fn auto_takes_the_strongest_terminal_that_the_reference_admits() {
 
 #[test]
 fn planar_arc_refuses_the_helix_choice_with_its_controllability() {
-    let arc = path(needle(), Input { omega_rad_s: 0.0, ..HELIX }, 100);
+    let arc = path(
+        needle(),
+        Input {
+            omega_rad_s: 0.0,
+            ..HELIX
+        },
+        100,
+    );
     let refused = LtvController::new(needle(), arc, configuration(TerminalChoice::HelixDare));
     match refused {
-        Err(ConfigurationError::Terminal(TerminalError::Dare { report, .. })) => assert_eq!(report.dimension, 4),
+        Err(ConfigurationError::Terminal(TerminalError::Dare { report, .. })) => {
+            assert_eq!(report.dimension, 4)
+        }
         other => panic!("{other:?}"),
     }
 }
 
 #[test]
 fn chain_and_period_of_a_helix_carry_certificates_that_hold() {
-    for choice in [TerminalChoice::RiccatiChain, TerminalChoice::Periodic { period: 4 }] {
-        let controller = LtvController::new(needle(), path(needle(), HELIX, 60), configuration(choice)).unwrap();
+    for choice in [
+        TerminalChoice::RiccatiChain,
+        TerminalChoice::Periodic { period: 4 },
+    ] {
+        let controller =
+            LtvController::new(needle(), path(needle(), HELIX, 60), configuration(choice)).unwrap();
         let certificate = controller.certificate().unwrap();
         assert!(certificate.holds(), "{choice:?}\n{certificate}");
     }
@@ -275,15 +413,27 @@ fn straight_needle_reaches_the_end_of_the_papers_path() {
     let straight = Needle::new(0.0).unwrap();
     let path = ReferencePath::from_inputs(straight, Pose::identity(), inputs, DT_S).unwrap();
     let end = *path.poses().last().unwrap();
-    let limits = InputLimits { v_max_mm_s: 200.0, v_rate_max_mm_s2: 1_000.0, ..InputLimits::default() };
-    let configuration = LinearConfiguration { limits, ..configuration(TerminalChoice::Auto) };
+    let limits = InputLimits {
+        v_max_mm_s: 200.0,
+        v_rate_max_mm_s2: 1_000.0,
+        ..InputLimits::default()
+    };
+    let configuration = LinearConfiguration {
+        limits,
+        ..configuration(TerminalChoice::Auto)
+    };
     let mut controller = StraightController::new(straight, path, configuration).unwrap();
     let mut pose = Pose::exp(&Vector6::new(0.0, 0.0, -1.0, 0.0, 0.0, 0.1));
     for step in 0..140 {
-        let input = controller.step(&Measurement::of(pose), step as f64 * DT_S).input;
+        let input = controller
+            .step(&Measurement::of(pose), step as f64 * DT_S)
+            .input;
         assert!(input.v_mm_s >= 0.0, "step {step}");
         pose = straight.step(&pose, input, DT_S).unwrap();
     }
     // The path counts as reached within 0.02 mm; the last braking step may pass it, and v >= 0 cannot take that back.
-    assert!((pose.position_mm - end.position_mm).norm() < 0.1, "{pose:?}");
+    assert!(
+        (pose.position_mm - end.position_mm).norm() < 0.1,
+        "{pose:?}"
+    );
 }

@@ -3,7 +3,8 @@
 use crate::scene::{CURVATURE_PER_MM, DT_S, Scene};
 use nalgebra::Vector6;
 use needle_control::{
-    Controller, LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController, StraightController,
+    Controller, LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController,
+    StraightController,
 };
 use needle_model::{Input, Needle, Pose, ReferencePath};
 
@@ -16,7 +17,9 @@ fn allocations(controller: &mut impl Controller, needle: Needle) -> u64 {
             pose = needle.step(&pose, input, DT_S).unwrap();
             let measurement = match step {
                 20..=35 => Measurement::default(),
-                40 => Measurement::of(pose.perturbed(&Vector6::new(100.0, 0.0, 0.0, 0.0, 0.0, 0.0))),
+                40 => {
+                    Measurement::of(pose.perturbed(&Vector6::new(100.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+                }
                 _ => Measurement::of(pose),
             };
             input = controller.step(&measurement, step as f64 * DT_S).input;
@@ -28,7 +31,8 @@ fn allocations(controller: &mut impl Controller, needle: Needle) -> u64 {
 #[test]
 fn nonlinear_steps_do_not_allocate() {
     let scene = Scene::default();
-    let mut controller = NmpcController::new(scene.model, scene.path(), NmpcConfiguration::default()).unwrap();
+    let mut controller =
+        NmpcController::new(scene.model, scene.path(), NmpcConfiguration::default()).unwrap();
     assert_eq!(allocations(&mut controller, scene.model), 0);
 }
 
@@ -36,13 +40,23 @@ fn nonlinear_steps_do_not_allocate() {
 fn linear_steps_do_not_allocate() {
     for (curvature, straight) in [(CURVATURE_PER_MM, false), (0.0, true)] {
         let needle = Needle::new(curvature).unwrap();
-        let helix = Input { v_mm_s: 5.0, omega_rad_s: 1.0 };
-        let path = ReferencePath::from_inputs(needle, Pose::identity(), vec![helix; 300], DT_S).unwrap();
+        let helix = Input {
+            v_mm_s: 5.0,
+            omega_rad_s: 1.0,
+        };
+        let path =
+            ReferencePath::from_inputs(needle, Pose::identity(), vec![helix; 300], DT_S).unwrap();
         let configuration = LinearConfiguration::default();
         let count = if straight {
-            allocations(&mut StraightController::new(needle, path, configuration).unwrap(), needle)
+            allocations(
+                &mut StraightController::new(needle, path, configuration).unwrap(),
+                needle,
+            )
         } else {
-            allocations(&mut LtvController::new(needle, path, configuration).unwrap(), needle)
+            allocations(
+                &mut LtvController::new(needle, path, configuration).unwrap(),
+                needle,
+            )
         };
         assert_eq!(count, 0, "straight: {straight}");
     }

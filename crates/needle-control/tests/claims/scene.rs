@@ -91,7 +91,9 @@ pub(crate) fn run(controller: &mut impl Controller, scene: &Scene) -> Score {
         for i in 0..3 {
             measured.position_mm[i] += scene.noise_mm * noise.normal();
         }
-        let input = controller.step(&Measurement::of(measured), step as f64 * DT_S).input;
+        let input = controller
+            .step(&Measurement::of(measured), step as f64 * DT_S)
+            .input;
         for _ in 0..2 {
             pose = plant.step(&pose, input, 0.5 * DT_S).unwrap();
         }

@@ -3,41 +3,85 @@
 use crate::scene::{CURVATURE_PER_MM, DT_S, Noise, Scene};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3, Vector6};
 use needle_control::{
-    Controller, InputLimits, LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController,
-    Origin, StopReason, StraightController, Survival, Tracking,
+    Controller, InputLimits, LinearConfiguration, LtvController, Measurement, NmpcConfiguration,
+    NmpcController, Origin, StopReason, StraightController, Survival, Tracking,
 };
 use needle_model::{Input, Needle, Pose, ReferencePath};
 use std::time::Duration;
 
 fn helix(steps: usize) -> ReferencePath {
-    let input = Input { v_mm_s: 5.0, omega_rad_s: 1.0 };
-    ReferencePath::from_inputs(Needle::new(CURVATURE_PER_MM).unwrap(), Pose::identity(), vec![input; steps], DT_S).unwrap()
+    let input = Input {
+        v_mm_s: 5.0,
+        omega_rad_s: 1.0,
+    };
+    ReferencePath::from_inputs(
+        Needle::new(CURVATURE_PER_MM).unwrap(),
+        Pose::identity(),
+        vec![input; steps],
+        DT_S,
+    )
+    .unwrap()
 }
 
 /// Every controller of this kind on a path.
 fn all(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controller>)> {
     let needle = Needle::new(CURVATURE_PER_MM).unwrap();
-    let progress = NmpcConfiguration { tracking: Tracking::Progress, ..NmpcConfiguration::default() };
+    let progress = NmpcConfiguration {
+        tracking: Tracking::Progress,
+        ..NmpcConfiguration::default()
+    };
     vec![
-        ("nonlinear", Box::new(NmpcController::new(needle, path.clone(), NmpcConfiguration::default()).unwrap())),
-        ("nonlinear, progress", Box::new(NmpcController::new(needle, path.clone(), progress).unwrap())),
-        ("time-varying", Box::new(LtvController::new(needle, path.clone(), LinearConfiguration::default()).unwrap())),
-        ("straight", Box::new(StraightController::new(Needle::new(0.0).unwrap(), path.clone(), LinearConfiguration::default()).unwrap())),
+        (
+            "nonlinear",
+            Box::new(
+                NmpcController::new(needle, path.clone(), NmpcConfiguration::default()).unwrap(),
+            ),
+        ),
+        (
+            "nonlinear, progress",
+            Box::new(NmpcController::new(needle, path.clone(), progress).unwrap()),
+        ),
+        (
+            "time-varying",
+            Box::new(
+                LtvController::new(needle, path.clone(), LinearConfiguration::default()).unwrap(),
+            ),
+        ),
+        (
+            "straight",
+            Box::new(
+                StraightController::new(
+                    Needle::new(0.0).unwrap(),
+                    path.clone(),
+                    LinearConfiguration::default(),
+                )
+                .unwrap(),
+            ),
+        ),
     ]
 }
 
 /// Checks boxes exactly and rates over the shorter of the elapsed time and the nominal step, up to rounding.
 fn inside(input: Input, previous: Input, elapsed_s: f64) -> bool {
     let limits = InputLimits::default();
-    let step_s = if elapsed_s > 0.0 { elapsed_s.min(DT_S) } else { DT_S };
+    let step_s = if elapsed_s > 0.0 {
+        elapsed_s.min(DT_S)
+    } else {
+        DT_S
+    };
     (limits.v_min_mm_s..=limits.v_max_mm_s).contains(&input.v_mm_s)
         && input.omega_rad_s.abs() <= limits.omega_max_rad_s
         && (input.v_mm_s - previous.v_mm_s).abs() <= limits.v_rate_max_mm_s2 * step_s + 1e-9
-        && (input.omega_rad_s - previous.omega_rad_s).abs() <= limits.omega_rate_max_rad_s2 * step_s + 1e-9
+        && (input.omega_rad_s - previous.omega_rad_s).abs()
+            <= limits.omega_rate_max_rad_s2 * step_s + 1e-9
 }
 
 /// Runs every controller on a path with measurements and times of the caller's making, and checks each input.
-fn run_all(path: &ReferencePath, steps: usize, mut disturb: impl FnMut(usize, Pose) -> (Measurement, f64)) {
+fn run_all(
+    path: &ReferencePath,
+    steps: usize,
+    mut disturb: impl FnMut(usize, Pose) -> (Measurement, f64),
+) {
     let plant = Needle::new(CURVATURE_PER_MM).unwrap();
     for (name, mut controller) in all(path) {
         let (mut pose, mut previous, mut last_s) = (Pose::identity(), Input::ZERO, None);
@@ -46,7 +90,10 @@ fn run_all(path: &ReferencePath, steps: usize, mut disturb: impl FnMut(usize, Po
             let decided = controller.step(&measurement, time_s);
             let (input, origin) = (decided.input, decided.origin);
             let elapsed_s = last_s.map_or(DT_S, |last: f64| time_s - last);
-            assert!(inside(input, previous, elapsed_s), "{name}, step {step}: {input:?} after {previous:?}, {origin:?}");
+            assert!(
+                inside(input, previous, elapsed_s),
+                "{name}, step {step}: {input:?} after {previous:?}, {origin:?}"
+            );
             if time_s.is_finite() {
                 last_s = Some(time_s);
             } else {
@@ -76,7 +123,13 @@ fn measurements_that_are_no_numbers_are_survived() {
                 pose.rotation = UnitQuaternion::new_unchecked(Quaternion::new(0.0, 0.0, 0.0, 0.0));
             }
             let curvature_per_mm = (step > 20).then_some(bad);
-            (Measurement { pose: Some(pose), curvature_per_mm }, on_time(step))
+            (
+                Measurement {
+                    pose: Some(pose),
+                    curvature_per_mm,
+                },
+                on_time(step),
+            )
         });
     }
 }
@@ -86,7 +139,10 @@ fn outliers_gaps_and_poses_beyond_the_chart_are_survived() {
     let beyond = Pose::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, 2.0, 0.0));
     run_all(&helix(100), 100, |step, pose| {
         let measurement = match step {
-            10 | 12 | 14..=40 => Measurement::of(Pose { position_mm: pose.position_mm + Vector3::x() * 100.0, ..pose }),
+            10 | 12 | 14..=40 => Measurement::of(Pose {
+                position_mm: pose.position_mm + Vector3::x() * 100.0,
+                ..pose
+            }),
             50..=70 => Measurement::default(),
             75..=85 => Measurement::of(beyond),
             _ => Measurement::of(pose),
@@ -115,10 +171,16 @@ fn clocks_that_jump_stand_still_or_jitter_are_survived() {
 #[test]
 fn paths_of_one_point_with_a_kink_too_bent_or_very_long_are_survived() {
     let point = ReferencePath::from_samples(vec![Pose::identity()], vec![], DT_S).unwrap();
-    let along = |twist: Vector6<f64>, n: usize| (0..=n).map(move |k| Pose::exp(&(twist * k as f64)));
+    let along =
+        |twist: Vector6<f64>, n: usize| (0..=n).map(move |k| Pose::exp(&(twist * k as f64)));
     let straight = Vector6::new(0.0, 0.0, 0.5, 0.0, 0.0, 0.0);
-    let corner = Pose::exp(&(straight * 20.0)).perturbed(&Vector6::new(0.0, 0.0, 0.0, 0.0, 1.5, 0.0));
-    let kink = along(straight, 20).chain(along(straight, 30).skip(1).map(|pose| corner.compose(&pose)));
+    let corner =
+        Pose::exp(&(straight * 20.0)).perturbed(&Vector6::new(0.0, 0.0, 0.0, 0.0, 1.5, 0.0));
+    let kink = along(straight, 20).chain(
+        along(straight, 30)
+            .skip(1)
+            .map(|pose| corner.compose(&pose)),
+    );
     let bent = along(Vector6::new(0.0, 0.0, 0.5, 0.5 / 20.0, 0.0, 0.0), 60);
     let paths = [
         point,
@@ -127,7 +189,9 @@ fn paths_of_one_point_with_a_kink_too_bent_or_very_long_are_survived() {
         helix(100_000),
     ];
     for path in paths {
-        run_all(&path, 60, |step, pose| (Measurement::of(pose), on_time(step)));
+        run_all(&path, 60, |step, pose| {
+            (Measurement::of(pose), on_time(step))
+        });
     }
 }
 
@@ -136,13 +200,24 @@ fn gap_is_bridged_by_the_shifted_plan_and_then_stopped() {
     for (name, mut controller) in all(&helix(100)) {
         controller.step(&Measurement::of(Pose::identity()), 0.0);
         for age in 1..=10 {
-            let origin = controller.step(&Measurement::default(), on_time(age)).origin;
+            let origin = controller
+                .step(&Measurement::default(), on_time(age))
+                .origin;
             assert_eq!(origin, Origin::ShiftedPlan { age }, "{name}");
         }
-        let mut last = Input { v_mm_s: 1.0, omega_rad_s: 0.0 };
+        let mut last = Input {
+            v_mm_s: 1.0,
+            omega_rad_s: 0.0,
+        };
         for step in 11..16 {
             let decided = controller.step(&Measurement::default(), on_time(step));
-            assert_eq!(decided.origin, Origin::Stop { reason: StopReason::NoMeasurement }, "{name}");
+            assert_eq!(
+                decided.origin,
+                Origin::Stop {
+                    reason: StopReason::NoMeasurement
+                },
+                "{name}"
+            );
             last = decided.input;
         }
         assert_eq!(last, Input::ZERO, "{name}");
@@ -152,24 +227,49 @@ fn gap_is_bridged_by_the_shifted_plan_and_then_stopped() {
 #[test]
 fn step_that_misses_its_deadline_is_never_applied() {
     let scene = Scene::default();
-    let survival = Survival { deadline: Some(Duration::from_nanos(1)), ..Survival::default() };
-    let configuration = NmpcConfiguration { survival, ..NmpcConfiguration::default() };
+    let survival = Survival {
+        deadline: Some(Duration::from_nanos(1)),
+        ..Survival::default()
+    };
+    let configuration = NmpcConfiguration {
+        survival,
+        ..NmpcConfiguration::default()
+    };
     let mut controller = NmpcController::new(scene.model, scene.path(), configuration).unwrap();
     let decided = controller.step(&Measurement::of(Pose::identity()), 0.0);
-    assert_eq!(decided.origin, Origin::Stop { reason: StopReason::NoPlan });
+    assert_eq!(
+        decided.origin,
+        Origin::Stop {
+            reason: StopReason::NoPlan
+        }
+    );
     assert_eq!(decided.input, Input::ZERO);
 }
 
 #[test]
 fn end_of_the_path_is_a_stop_that_says_so() {
     for (name, mut controller) in all(&helix(30)) {
-        let needle = Needle::new(if name == "straight" { 0.0 } else { CURVATURE_PER_MM }).unwrap();
+        let needle = Needle::new(if name == "straight" {
+            0.0
+        } else {
+            CURVATURE_PER_MM
+        })
+        .unwrap();
         let mut pose = Pose::identity();
         let mut origin = Origin::Optimal;
         for step in 0..80 {
             let decided = controller.step(&Measurement::of(pose), on_time(step));
-            (pose, origin) = (needle.step(&pose, decided.input, DT_S).unwrap(), decided.origin);
+            (pose, origin) = (
+                needle.step(&pose, decided.input, DT_S).unwrap(),
+                decided.origin,
+            );
         }
-        assert_eq!(origin, Origin::Stop { reason: StopReason::PathEnd }, "{name}");
+        assert_eq!(
+            origin,
+            Origin::Stop {
+                reason: StopReason::PathEnd
+            },
+            "{name}"
+        );
     }
 }
