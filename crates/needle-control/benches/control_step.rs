@@ -1,6 +1,6 @@
 //! Whole control steps in closed loop: linearise, assemble, solve.
 
-use criterion::{BatchSize, BenchmarkId, Criterion, criterion_group, criterion_main};
+use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use nalgebra::Vector6;
 use needle_control::{
     Controller, LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController,
@@ -14,7 +14,7 @@ const STEPS: usize = 50;
 /// Measurements of a closed loop, and the controller warmed up by its first step.
 fn benchmark<C: Controller + Clone>(
     criterion: &mut Criterion,
-    name: BenchmarkId,
+    name: &str,
     needle: Needle,
     mut controller: C,
 ) {
@@ -70,18 +70,13 @@ fn control_steps(criterion: &mut Criterion) {
         ..LinearConfiguration::default()
     };
     if let Ok(controller) = StraightController::new(straight, line, linear(20)) {
-        benchmark(
-            criterion,
-            BenchmarkId::new("straight", 20),
-            straight,
-            controller,
-        );
+        benchmark(criterion, "straight, N = 20", straight, controller);
     }
     for horizon in [8, 20, 50, 100] {
         if let Ok(controller) = LtvController::new(needle, path.clone(), linear(horizon)) {
             benchmark(
                 criterion,
-                BenchmarkId::new("ltv", horizon),
+                &format!("ltv, N = {horizon}"),
                 needle,
                 controller,
             );
@@ -95,7 +90,7 @@ fn control_steps(criterion: &mut Criterion) {
         if let Ok(controller) = NmpcController::new(needle, curve.clone(), configuration) {
             benchmark(
                 criterion,
-                BenchmarkId::new("nmpc", horizon),
+                &format!("nmpc, N = {horizon}"),
                 needle,
                 controller,
             );

@@ -239,7 +239,10 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
     /// Moves the plan along the step as far as the exact penalty function falls enough; false if nowhere.
     pub(crate) fn search(&mut self, needle: &Needle, tracker: &Tracker) -> bool {
         let costates = &self.solution.multipliers.costates;
-        let dual = costates.iter().map(|y| y.amax()).fold(0.0, f64::max);
+        let dual = costates
+            .iter()
+            .map(nalgebra::Matrix::amax)
+            .fold(0.0, f64::max);
         // Costates belong to half the cost; twice that bounds the multipliers of the cost itself.
         self.penalty = self.penalty.max(3.0 * dual);
         let gap = self.gap(&self.plan, needle);
@@ -261,7 +264,7 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
 
     /// Largest entry of the step in poses and inputs.
     pub(crate) fn step_size(&self) -> f64 {
-        let poses = self.solution.x.iter().map(|x| x.amax());
+        let poses = self.solution.x.iter().map(nalgebra::Matrix::amax);
         let inputs = self
             .solution
             .u

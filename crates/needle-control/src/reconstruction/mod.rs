@@ -218,8 +218,8 @@ impl<'a> Search<'a> {
         let inputs: Vec<_> = self.solution.u.iter().map(moved).collect();
         let (new_cost, new_gap) = self.merit_terms(&poses, &inputs)?;
         let (before, after) = (cost + self.penalty * gap, new_cost + self.penalty * new_gap);
-        // Written so that a merit that is not a number rejects the step.
-        if !(after <= before) {
+        // A merit that is not a number rejects the step too.
+        if after.is_nan() || after > before {
             return rejected(self);
         }
         (self.poses, self.inputs) = (poses, inputs);

@@ -388,7 +388,7 @@ fn planar_arc_refuses_the_helix_choice_with_its_controllability() {
     let refused = LtvController::new(needle(), arc, configuration(TerminalChoice::HelixDare));
     match refused {
         Err(ConfigurationError::Terminal(TerminalError::Dare { report, .. })) => {
-            assert_eq!(report.dimension, 4)
+            assert_eq!(report.dimension, 4);
         }
         other => panic!("{other:?}"),
     }
