@@ -16,7 +16,7 @@ use crate::configuration::ConfigurationError;
 use crate::controller::{
     ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
 };
-use crate::survival::{Guard, Sample};
+use crate::survival::{Guard, Sample, estimated_needle};
 use crate::tracking::Tracker;
 use mpc_qp::{OcpQp, OcpSolver, SolveError, SolveStatus, SolverSettings, StructuredSolver};
 use needle_model::{Input, Needle, Pose, ReferencePath};
@@ -111,10 +111,7 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         time_s: f64,
         started: Instant,
     ) -> (Input, Origin) {
-        if let Some(needle) = measurement
-            .curvature_per_mm
-            .and_then(|k| Needle::new(k).ok())
-        {
+        if let Some(needle) = estimated_needle(&self.model, measurement) {
             self.needle = needle;
         }
         let sample = self.guard.accept(&self.needle, measurement, time_s);

@@ -194,6 +194,17 @@ impl Guard {
     }
 }
 
+/// Largest estimate of curvature that is believed, as a multiple of the model's.
+const MOST_CURVATURE: f64 = 10.0;
+
+/// The needle of an estimated curvature; `None` where there is no estimate, or one that is no needle like the model.
+pub(crate) fn estimated_needle(model: &Needle, measurement: &Measurement) -> Option<Needle> {
+    measurement
+        .curvature_per_mm
+        .filter(|estimate| *estimate <= MOST_CURVATURE * model.curvature_per_mm())
+        .and_then(|estimate| Needle::new(estimate).ok())
+}
+
 /// The pose with a unit quaternion; `None` where a coordinate is not finite or the rotation is none.
 fn normalised(pose: Pose) -> Option<Pose> {
     let rotation = UnitQuaternion::try_new(pose.rotation.into_inner(), 1e-6)?;

@@ -273,3 +273,22 @@ fn end_of_the_path_is_a_stop_that_says_so() {
         );
     }
 }
+
+#[test]
+fn absurd_estimate_of_curvature_is_ignored() {
+    for absurd in [f64::NAN, -0.1, f64::INFINITY, 1e3] {
+        let (mut with, mut without) = (all(&helix(50)), all(&helix(50)));
+        for ((name, with), (_, without)) in with.iter_mut().zip(&mut without) {
+            let plain = Measurement::of(Pose::identity());
+            let estimated = Measurement {
+                curvature_per_mm: Some(absurd),
+                ..plain
+            };
+            let (told, untold) = (
+                with.step(&estimated, 0.0).input,
+                without.step(&plain, 0.0).input,
+            );
+            assert_eq!(told, untold, "{name}, {absurd}");
+        }
+    }
+}
