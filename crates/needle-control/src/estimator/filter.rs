@@ -1,0 +1,255 @@
+//! The filter in time: a memory of the last samples, so that an observation is put where it was taken, however late it comes.
+//!
+//! Each epoch keeps its input, its observation and the belief after it. A late observation becomes an epoch of its own; the
+//! beliefs after it are computed again. The result is that of observations in order, exactly, whatever the delays of the sensors.
+
+use crate::controller::Measurement;
+use crate::estimator::belief::{Belief, Correction};
+use crate::estimator::observation::{
+    Observation, Verdict, gate, position_innovation, tangent_innovation,
+};
+use crate::estimator::settings::{FilterError, FilterSettings};
+use crate::sample_clock::SampleClock;
+use needle_model::{Input, TorsionalLag};
+use std::collections::VecDeque;
+
+/// Time constant that stands for a rigid shaft, s: every lag is gone within a sample.
+const RIGID_S: f64 = 1e-9;
+/// A gap is predicted over no more than this, s: beyond it nobody knows where a moving needle is.
+const LONGEST_GAP_S: f64 = 10.0;
+/// Rounding of time stamps, s.
+const TIME_TOLERANCE_S: f64 = 1e-6;
+/// Heading uncertainty of a filter that is lost, rad.
+const LOST_ANGLE_RAD: f64 = 0.5;
+
+/// A belief and its standing.
+#[derive(Debug, Clone, Copy)]
+struct Track {
+    belief: Belief,
+    /// Internal time of the last accepted observation, s.
+    accepted_at_s: f64,
+    /// Outliers in a row, of positions and of tangents.
+    outliers: [u32; 2],
+    log_likelihood: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Epoch {
+    /// Internal time, s: starts at 0 and never goes back.
+    at_s: f64,
+    /// Input held since the epoch before.
+    input: Input,
+    observation: Option<Observation>,
+    track: Track,
+}
+
+/// Estimates pose, curvature and torsional lag of a needle from observations that may be late, missing or wrong.
+///
+/// In each sample tell it the input that was applied ([`NeedleFilter::advance`]), then what the sensors say
+/// ([`NeedleFilter::observe`]), and give the controller [`NeedleFilter::measurement`]. Nothing is allocated after construction.
+#[derive(Debug, Clone)]
+pub struct NeedleFilter {
+    settings: FilterSettings,
+    torsion: TorsionalLag,
+    clock: SampleClock,
+    epochs: VecDeque<Epoch>,
+    present: Epoch,
+}
+
+impl NeedleFilter {
+    /// A filter that holds `belief` at time `start_s`.
+    ///
+    /// # Errors
+    /// [`FilterError`] names the first thing that is wrong.
+    pub fn new(
+        settings: FilterSettings,
+        belief: Belief,
+        start_s: f64,
+    ) -> Result<Self, FilterError> {
+        settings.validate()?;
+        belief.validate()?;
+        let torsion = match settings.torsion {
+            Some(torsion) => torsion,
+            None => TorsionalLag::new(RIGID_S).map_err(|_| FilterError::NotPositive {
+                field: "time_constant_s",
+                found: RIGID_S,
+            })?,
+        };
+        let first = Epoch {
+            at_s: 0.0,
+            input: Input::ZERO,
+            observation: None,
+            track: Track {
+                belief,
+                accepted_at_s: 0.0,
+                outliers: [0; 2],
+                log_likelihood: 0.0,
+            },
+        };
+        let mut epochs = VecDeque::with_capacity(settings.history);
+        epochs.push_back(first);
+        Ok(Self {
+            settings,
+            torsion,
+            clock: SampleClock::new(settings.dt_s, Some(start_s)),
+            epochs,
+            present: first,
+        })
+    }
+
+    /// Moves on to `time_s`; `held` is the input applied since the last call. An input that is not a number counts as rest; where the
+    /// clock does not go forward, one sample of nominal length has passed.
+    pub fn advance(&mut self, held: Input, time_s: f64) {
+        let elapsed_s = self.clock.tick(time_s).min(LONGEST_GAP_S);
+        let usable = held.v_mm_s.is_finite() && held.omega_rad_s.is_finite();
+        let epoch = Epoch {
+            at_s: self.present.at_s + elapsed_s,
+            input: if usable { held } else { Input::ZERO },
+            observation: None,
+            track: self.present.track,
+        };
+        self.insert(self.epochs.len(), epoch);
+    }
+
+    /// Takes in an observation made at `taken_at_s` on the same clock as [`NeedleFilter::advance`], in any order.
+    pub fn observe(&mut self, observation: Observation, taken_at_s: f64) -> Verdict {
+        let age_s = match self.clock.last_s() {
+            Some(now) => now - taken_at_s,
+            None => f64::NAN,
+        };
+        let Some(observation) = observation.normalised().filter(|_| age_s.is_finite()) else {
+            return Verdict::Unusable;
+        };
+        if age_s < -TIME_TOLERANCE_S {
+            return Verdict::FromTheFuture { ahead_s: -age_s };
+        }
+        let at_s = self.present.at_s - age_s.max(0.0);
+        let after = self
+            .epochs
+            .partition_point(|epoch| epoch.at_s <= at_s + TIME_TOLERANCE_S);
+        // A full memory forgets its first epoch for the new one.
+        let forgets = self.epochs.len() >= self.settings.history;
+        if after == 0 || (forgets && after == 1) {
+            return Verdict::TooOld { age_s };
+        }
+        let before = &self.epochs[after - 1];
+        let epoch = Epoch {
+            at_s: at_s.max(before.at_s),
+            input: self
+                .epochs
+                .get(after)
+                .map_or(before.input, |next| next.input),
+            observation: Some(observation),
+            track: before.track,
+        };
+        let correction = self.insert(after, epoch);
+        match correction {
+            Some(Correction {
+                nis,
+                accepted: true,
+                ..
+            }) => Verdict::Accepted { nis },
+            Some(Correction { nis, .. }) => Verdict::Outlier { nis },
+            None => Verdict::Unusable,
+        }
+    }
+
+    /// The belief at the present sample.
+    #[must_use]
+    pub fn belief(&self) -> &Belief {
+        &self.present.track.belief
+    }
+
+    /// What a controller needs; without a pose when the filter has been blind for longer than its limit.
+    #[must_use]
+    pub fn measurement(&self) -> Measurement {
+        let state = &self.belief().state;
+        let blind_s = self.present.at_s - self.present.track.accepted_at_s;
+        Measurement {
+            pose: (blind_s <= self.settings.blind_limit_s).then_some(state.pose),
+            curvature_per_mm: Some(state.needle.curvature_per_mm()),
+        }
+    }
+
+    /// Logarithm of the likelihood of all observations, up to a constant that is the same for every belief.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.present.track.log_likelihood
+    }
+
+    /// Puts an epoch in its place and computes everything from it on again. Returns the correction of its own observation.
+    fn insert(&mut self, at: usize, epoch: Epoch) -> Option<Correction> {
+        let mut at = at;
+        if self.epochs.len() >= self.settings.history {
+            self.epochs.pop_front();
+            at = at.saturating_sub(1);
+        }
+        self.epochs.insert(at, epoch);
+        let mut own = None;
+        for k in at.max(1)..self.epochs.len() {
+            let before = self.epochs[k - 1];
+            let (track, correction) = self.followed(&before, &self.epochs[k]);
+            self.epochs[k].track = track;
+            if k == at {
+                own = correction;
+            }
+        }
+        self.present = self.epochs[self.epochs.len() - 1];
+        own
+    }
+
+    /// The track of `epoch` from that of the epoch before.
+    fn followed(&self, before: &Epoch, epoch: &Epoch) -> (Track, Option<Correction>) {
+        let mut track = before.track;
+        let mut predicted = track.belief;
+        let elapsed_s = epoch.at_s - before.at_s;
+        let moved = predicted.predict(&self.settings, self.torsion, epoch.input, elapsed_s);
+        // A belief that overflows is not taken over: the last finite one stays.
+        if moved.is_ok()
+            && predicted.state.pose.is_finite()
+            && predicted.covariance.sum().is_finite()
+        {
+            track.belief = predicted;
+        }
+        let Some(observation) = &epoch.observation else {
+            return (track, None);
+        };
+        let sensor = match observation {
+            Observation::Position(_) => 0,
+            Observation::Tangent(_) => 1,
+        };
+        let lost = track.outliers[sensor] >= self.settings.outliers_until_lost;
+        let correction = self.corrected(&mut track.belief, observation, lost);
+        track.log_likelihood += correction.log_likelihood;
+        if correction.accepted {
+            track.accepted_at_s = epoch.at_s;
+            track.outliers[sensor] = 0;
+        } else {
+            track.outliers[sensor] = track.outliers[sensor].saturating_add(1);
+        }
+        (track, Some(correction))
+    }
+
+    /// Applies an observation. A filter that is lost widens its belief by what the observation asks for.
+    fn corrected(&self, belief: &mut Belief, observation: &Observation, lost: bool) -> Correction {
+        let settings = &self.settings;
+        match observation {
+            Observation::Position(position_mm) => {
+                let innovation =
+                    position_innovation(&belief.state.pose, position_mm, settings.position_std_mm);
+                if lost {
+                    belief.widen(innovation.residual.norm(), LOST_ANGLE_RAD);
+                }
+                belief.correct(&innovation, gate::<3>(settings.gate_probability))
+            }
+            Observation::Tangent(tangent) => {
+                let innovation =
+                    tangent_innovation(&belief.state.pose, tangent, settings.tangent_std_rad);
+                if lost {
+                    belief.widen(0.0, innovation.residual.norm().max(LOST_ANGLE_RAD));
+                }
+                belief.correct(&innovation, gate::<2>(settings.gate_probability))
+            }
+        }
+    }
+}
