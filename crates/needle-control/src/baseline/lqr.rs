@@ -27,8 +27,8 @@ impl Default for LqrWeights {
     /// The best of the study in `docs/baselines.md`.
     fn default() -> Self {
         Self {
-            error: Vector6::new(1.0, 1.0, 1.0, 100.0, 100.0, 0.1),
-            input: Vector2::new(1.0, 0.1),
+            error: Vector6::new(1.0, 1.0, 1.0, 1000.0, 1000.0, 0.1),
+            input: Vector2::new(0.1, 0.01),
             terminal: 10.0,
         }
     }

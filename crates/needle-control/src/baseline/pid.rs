@@ -24,12 +24,12 @@ impl Default for PidGains {
     fn default() -> Self {
         Self {
             lateral: LateralGains {
-                decay_mm: 5.0,
-                integral_mm: 20.0,
+                decay_mm: 6.0,
+                integral_mm: 6.0,
                 preview_mm: 2.0,
             },
-            turn_gain_per_s: 5.0,
-            slack: 0.5,
+            turn_gain_per_s: 10.0,
+            slack: 1.0,
         }
     }
 }

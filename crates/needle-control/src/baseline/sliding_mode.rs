@@ -31,7 +31,7 @@ impl Default for SlidingModeGains {
     /// The best of the study in `docs/baselines.md`.
     fn default() -> Self {
         Self {
-            lookahead_mm: 5.0,
+            lookahead_mm: 8.0,
             spin_fraction: 1.0,
             boundary_rad: 1.0,
         }

@@ -7,8 +7,8 @@
 
 use crate::estimator::observation::Innovation;
 use crate::estimator::settings::{FilterError, FilterSettings};
-use nalgebra::{SMatrix, SVector};
-use needle_model::{Input, LaggedState, Needle, StepError, TorsionalLag, se3};
+use nalgebra::{SMatrix, SVector, Vector6};
+use needle_model::{Input, LaggedState, Needle, Pose, StepError, TorsionalLag, se3};
 
 /// Size of the error: pose 6, curvature, lag.
 pub const ERROR_DIMENSION: usize = 8;
@@ -19,6 +19,11 @@ pub const CURVATURE: usize = 6;
 /// Index of the lag in the error.
 pub const LAG: usize = 7;
 
+type Error = SVector<f64, ERROR_DIMENSION>;
+type Square = SMatrix<f64, ERROR_DIMENSION, ERROR_DIMENSION>;
+
+/// Linearisations of one observation; the third moves the mean by less than 1e-3 of its standard deviation at entry.
+const GAUSS_NEWTON_ROUNDS: usize = 3;
 /// Longest step over which process noise is added at once, s.
 const NOISE_STEP_S: f64 = 0.1;
 /// A gap is predicted in at most this many steps.
@@ -68,7 +73,7 @@ impl Belief {
     /// `None` where the covariance is singular.
     #[must_use]
     pub fn nees(&self, truth: &LaggedState) -> Option<f64> {
-        let mut error = SVector::<f64, ERROR_DIMENSION>::zeros();
+        let mut error = Error::zeros();
         let pose_error = truth.pose.error_from(&self.state.pose);
         error.fixed_rows_mut::<6>(0).copy_from(&pose_error);
         error[CURVATURE] = truth.needle.curvature_per_mm() - self.state.needle.curvature_per_mm();
@@ -88,7 +93,9 @@ impl Belief {
         if dt_s <= 0.0 {
             return Ok(());
         }
-        let steps = (dt_s / NOISE_STEP_S).ceil().clamp(1.0, MAX_NOISE_STEPS);
+        let steps = (dt_s / NOISE_STEP_S - 1e-6)
+            .ceil()
+            .clamp(1.0, MAX_NOISE_STEPS);
         let step_s = dt_s / steps;
         let noise = process_variance(settings) * step_s;
         for _ in 0..steps as usize {
@@ -101,47 +108,64 @@ impl Belief {
         Ok(())
     }
 
-    /// Takes in an innovation unless its normalised square is beyond `gate`.
+    /// Takes in what `observed` says, unless the normalised square of its innovation is beyond `gate`. The innovation is
+    /// linearised again at the corrected mean (Gauss-Newton on the posterior): position and roll are both uncertain at
+    /// entry, and the product of their errors would otherwise pass for information.
     pub(crate) fn correct<const D: usize>(
         &mut self,
-        innovation: &Innovation<D>,
+        observed: impl Fn(&Pose) -> Innovation<D>,
         gate: f64,
     ) -> Correction {
-        let Innovation {
-            residual,
-            h,
-            variance,
-        } = innovation;
-        let noise = SMatrix::<f64, D, D>::identity() * *variance;
-        let ph = self.covariance * h.transpose();
-        let Some(factor) = (h * ph + noise).cholesky() else {
-            return Correction {
-                nis: f64::INFINITY,
-                accepted: false,
-                log_likelihood: -0.5 * gate,
-            };
+        let mut error = Error::zeros();
+        let mut refused = Correction {
+            nis: f64::INFINITY,
+            accepted: false,
+            log_likelihood: -0.5 * gate,
         };
-        let nis = residual.dot(&factor.solve(residual));
-        let log_determinant: f64 = factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
-        // The gate bounds what one outlier can say against a hypothesis.
-        let log_likelihood = -0.5 * nis.min(gate) - log_determinant;
-        let accepted = nis <= gate;
-        if accepted {
+        let mut accepted = None;
+        for round in 0..GAUSS_NEWTON_ROUNDS {
+            let xi = error.fixed_rows::<6>(0).into_owned();
+            let local = observed(&self.state.pose.perturbed(&xi));
+            let h = local.h * right_jacobian(&xi);
+            let noise = SMatrix::<f64, D, D>::identity() * local.variance;
+            let ph = self.covariance * h.transpose();
+            let Some(factor) = (h * ph + noise).cholesky() else {
+                return refused;
+            };
+            if round == 0 {
+                refused.nis = local.residual.dot(&factor.solve(&local.residual));
+                let diagonal = factor.l_dirty().diagonal();
+                let log_determinant: f64 = diagonal.iter().map(|d| d.ln()).sum();
+                // The gate bounds what one outlier can say against a hypothesis.
+                refused.log_likelihood = -0.5 * refused.nis.min(gate) - log_determinant;
+                if refused.nis > gate || refused.nis.is_nan() {
+                    return refused;
+                }
+            }
             let gain = factor.solve(&ph.transpose()).transpose();
-            let left = SMatrix::<f64, ERROR_DIMENSION, ERROR_DIMENSION>::identity() - gain * h;
-            self.covariance =
-                left * self.covariance * left.transpose() + gain * gain.transpose() * *variance;
-            self.inject(&(gain * residual));
+            error = gain * (local.residual + h * error);
+            let left = Square::identity() - gain * h;
+            let covariance = left * self.covariance * left.transpose()
+                + gain * gain.transpose() * local.variance;
+            accepted = Some(covariance);
         }
+        let mut corrected = *self;
+        if let Some(covariance) = accepted {
+            corrected.covariance = covariance;
+            corrected.inject(&error);
+        }
+        if !corrected.is_sound() {
+            return refused;
+        }
+        *self = corrected;
         Correction {
-            nis,
-            accepted,
-            log_likelihood,
+            accepted: true,
+            ..refused
         }
     }
 
     /// Moves the mean by an error and the covariance to its new origin.
-    fn inject(&mut self, error: &SVector<f64, ERROR_DIMENSION>) {
+    fn inject(&mut self, error: &Error) {
         let xi = error.fixed_rows::<6>(0).into_owned();
         let curvature = self.state.needle.curvature_per_mm() + error[CURVATURE];
         self.state = LaggedState {
@@ -149,10 +173,7 @@ impl Belief {
             needle: Needle::new(curvature.max(0.0)).unwrap_or(self.state.needle),
             lag_rad: self.state.lag_rad + error[LAG],
         };
-        let mut reset = SMatrix::<f64, ERROR_DIMENSION, ERROR_DIMENSION>::identity();
-        reset
-            .fixed_view_mut::<6, 6>(0, 0)
-            .copy_from(&se3::right_jacobian(&xi));
+        let reset = right_jacobian(&xi);
         self.covariance = reset * self.covariance * reset.transpose();
         self.symmetrise();
     }
@@ -165,13 +186,31 @@ impl Belief {
         }
     }
 
+    /// Whether mean and covariance are finite and no variance is negative.
+    pub(crate) fn is_sound(&self) -> bool {
+        let p = &self.covariance;
+        self.state.pose.is_finite()
+            && self.state.lag_rad.is_finite()
+            && p.sum().is_finite()
+            && p.diagonal().iter().all(|&variance| variance >= 0.0)
+    }
+
     fn symmetrise(&mut self) {
         self.covariance = (self.covariance + self.covariance.transpose()) * 0.5;
     }
 }
 
+/// J_r of the pose block, one for curvature and lag: 8x8.
+fn right_jacobian(xi: &Vector6<f64>) -> Square {
+    let mut jacobian = Square::identity();
+    jacobian
+        .fixed_view_mut::<6, 6>(0, 0)
+        .copy_from(&se3::right_jacobian(xi));
+    jacobian
+}
+
 /// Variances added in one second, in the order of the error.
-fn process_variance(settings: &FilterSettings) -> SVector<f64, ERROR_DIMENSION> {
+fn process_variance(settings: &FilterSettings) -> Error {
     let n = &settings.process;
     let std = [
         n.position_mm,

@@ -10,7 +10,7 @@ use crate::estimator::observation::{
 };
 use crate::estimator::settings::{FilterError, FilterSettings};
 use crate::sample_clock::SampleClock;
-use needle_model::{Input, TorsionalLag};
+use needle_model::{Input, Pose, TorsionalLag};
 use std::collections::VecDeque;
 
 /// Time constant that stands for a rigid shaft, s: every lag is gone within a sample.
@@ -134,7 +134,11 @@ impl NeedleFilter {
         }
         let before = &self.epochs[after - 1];
         let epoch = Epoch {
-            at_s: at_s.max(before.at_s),
+            at_s: if at_s - before.at_s <= TIME_TOLERANCE_S {
+                before.at_s
+            } else {
+                at_s
+            },
             input: self
                 .epochs
                 .get(after)
@@ -205,10 +209,7 @@ impl NeedleFilter {
         let elapsed_s = epoch.at_s - before.at_s;
         let moved = predicted.predict(&self.settings, self.torsion, epoch.input, elapsed_s);
         // A belief that overflows is not taken over: the last finite one stays.
-        if moved.is_ok()
-            && predicted.state.pose.is_finite()
-            && predicted.covariance.sum().is_finite()
-        {
+        if moved.is_ok() && predicted.is_sound() {
             track.belief = predicted;
         }
         let Some(observation) = &epoch.observation else {
@@ -233,23 +234,31 @@ impl NeedleFilter {
     /// Applies an observation. A filter that is lost widens its belief by what the observation asks for.
     fn corrected(&self, belief: &mut Belief, observation: &Observation, lost: bool) -> Correction {
         let settings = &self.settings;
-        match observation {
+        let mut tried = *belief;
+        let correction = match observation {
             Observation::Position(position_mm) => {
-                let innovation =
-                    position_innovation(&belief.state.pose, position_mm, settings.position_std_mm);
+                let observed =
+                    |pose: &Pose| position_innovation(pose, position_mm, settings.position_std_mm);
                 if lost {
-                    belief.widen(innovation.residual.norm(), LOST_ANGLE_RAD);
+                    let distance_mm = observed(&tried.state.pose).residual.norm();
+                    tried.widen(distance_mm, LOST_ANGLE_RAD);
                 }
-                belief.correct(&innovation, gate::<3>(settings.gate_probability))
+                tried.correct(observed, gate::<3>(settings.gate_probability))
             }
             Observation::Tangent(tangent) => {
-                let innovation =
-                    tangent_innovation(&belief.state.pose, tangent, settings.tangent_std_rad);
+                let observed =
+                    |pose: &Pose| tangent_innovation(pose, tangent, settings.tangent_std_rad);
                 if lost {
-                    belief.widen(0.0, innovation.residual.norm().max(LOST_ANGLE_RAD));
+                    let angle_rad = observed(&tried.state.pose).residual.norm();
+                    tried.widen(0.0, angle_rad.max(LOST_ANGLE_RAD));
                 }
-                belief.correct(&innovation, gate::<2>(settings.gate_probability))
+                tried.correct(observed, gate::<2>(settings.gate_probability))
             }
+        };
+        // A belief widened in vain is not kept.
+        if correction.accepted {
+            *belief = tried;
         }
+        correction
     }
 }
