@@ -19,13 +19,13 @@ pub struct ProcessNoise {
 }
 
 impl Default for ProcessNoise {
-    /// A needle that obeys its model but for slow changes of the tissue: curvature wanders by 1e-4 / mm in a second.
+    /// A needle that obeys its model but for slow changes of the tissue: curvature wanders by 5e-5 / mm in a second.
     fn default() -> Self {
         Self {
-            position_mm: 0.01,
-            heading_rad: 1e-3,
-            roll_rad: 0.02,
-            curvature_per_mm: 1e-4,
+            position_mm: 0.005,
+            heading_rad: 5e-4,
+            roll_rad: 0.01,
+            curvature_per_mm: 5e-5,
             lag_rad: 1e-3,
         }
     }

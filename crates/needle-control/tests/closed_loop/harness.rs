@@ -47,9 +47,28 @@ fn rolled_out(needle: Needle, omega_rad_s: f64) -> ReferencePath {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tracking {
     pub(crate) rms_mm: f64,
+    /// As `rms_mm`, over the second half of the path.
+    pub(crate) late_rms_mm: f64,
     pub(crate) max_mm: f64,
     pub(crate) final_mm: f64,
     pub(crate) revolutions: f64,
+}
+
+#[derive(Default)]
+struct Mean {
+    sum: f64,
+    count: f64,
+}
+
+impl Mean {
+    fn add(&mut self, x: f64) {
+        self.sum += x;
+        self.count += 1.0;
+    }
+
+    fn root(&self) -> f64 {
+        (self.sum / f64::max(self.count, 1.0)).sqrt()
+    }
 }
 
 /// Runs the loop for 1.3 times the path's duration. `sense` makes the measurement from the true tip, the input held before and the time.
@@ -62,7 +81,9 @@ pub(crate) fn drive(
 ) -> Tracking {
     let mut state = plant.at_entry(start);
     let mut held = Input::ZERO;
-    let (mut squares, mut count, mut max_mm, mut turned_rad) = (0.0, 0.0, 0.0_f64, 0.0);
+    let (mut early, mut late) = (Mean::default(), Mean::default());
+    let (mut max_mm, mut turned_rad) = (0.0_f64, 0.0);
+    let length_mm = path.arc_length_mm()[path.inputs().len()];
     let limits = InputLimits::default();
     for step in 0..(path.inputs().len() * 13 / 10) {
         let time_s = step as f64 * DT_S;
@@ -74,16 +95,19 @@ pub(crate) fn drive(
         }
         held = input;
         turned_rad += input.omega_rad_s.abs() * DT_S;
-        if state.inserted_mm > 0.2 * path.arc_length_mm()[path.inputs().len()] {
+        if state.inserted_mm > 0.2 * length_mm {
             let distance_mm = distance_mm(path, &plant.tip(&state).position_mm);
-            squares += distance_mm * distance_mm;
-            count += 1.0;
+            early.add(distance_mm * distance_mm);
+            if state.inserted_mm > 0.5 * length_mm {
+                late.add(distance_mm * distance_mm);
+            }
             max_mm = max_mm.max(distance_mm);
         }
     }
     let end = path.poses()[path.inputs().len()].position_mm;
     Tracking {
-        rms_mm: (squares / f64::max(count, 1.0)).sqrt(),
+        rms_mm: early.root(),
+        late_rms_mm: late.root(),
         max_mm,
         final_mm: (plant.tip(&state).position_mm - end).norm(),
         revolutions: turned_rad / std::f64::consts::TAU,
