@@ -5,7 +5,7 @@
 #![allow(clippy::print_stdout, reason = "a study reports")]
 #![allow(clippy::unwrap_used, reason = "constants of this file")]
 
-#[path = "../tests/closed_loop/harness.rs"]
+#[path = "../tests/baselines_and_estimation/harness.rs"]
 mod harness;
 
 use harness::{
