@@ -6,12 +6,13 @@
 
 use crate::constraints::for_each_scalar;
 use crate::error::Place;
-use crate::multipliers::TerminalSetMultipliers;
+use crate::lagrangian::LagrangianGradient;
+use crate::multipliers::{Multipliers, TerminalSetMultipliers};
 use crate::problem::OcpQp;
-use crate::residuals::LagrangianGradient;
 use crate::softening::ConstraintGroup;
 use crate::solution::Solution;
 use crate::terminal::TerminalSet;
+use nalgebra::SVector;
 
 /// The quality of a Farkas ray; the ray itself is in [`Solution::multipliers`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,27 +24,28 @@ pub struct InfeasibilityCertificate {
     pub sign_violation: f64,
 }
 
-/// One line of the blame.
+/// One line of the blame: a group with its part in the conflict.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BlameEntry {
     /// The kind of constraint.
     pub group: ConstraintGroup,
-    /// Where it sits.
-    pub place: Place,
     /// Its part of the ray, multipliers times coefficient norms, as a fraction of the whole.
     pub share: f64,
+    /// Where the group's largest part sits.
+    pub worst: Place,
+    /// The first place with a part that counts.
+    pub first: Place,
+    /// The last place with a part that counts.
+    pub last: Place,
 }
 
-/// Groups and stages of the constraints in conflict, the largest share first. Fixed size: no allocation in a solve.
+/// The groups of the constraints in conflict, with their stages. Fixed size: no allocation in a solve.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Blame {
-    entries: [Option<BlameEntry>; Self::LENGTH],
+    entries: [Option<BlameEntry>; 5],
 }
 
 impl Blame {
-    /// How many entries are kept.
-    pub const LENGTH: usize = 8;
-
     /// The entries, the largest share first.
     pub fn entries(&self) -> impl Iterator<Item = &BlameEntry> {
         self.entries.iter().flatten()
@@ -54,23 +56,34 @@ impl Blame {
     pub fn names(&self, group: ConstraintGroup) -> bool {
         self.entries().any(|entry| entry.group == group)
     }
-
-    fn insert(&mut self, mut entry: BlameEntry) {
-        for slot in &mut self.entries {
-            match slot {
-                Some(kept) if kept.share >= entry.share => {}
-                Some(kept) => std::mem::swap(kept, &mut entry),
-                None => {
-                    *slot = Some(entry);
-                    return;
-                }
-            }
-        }
-    }
 }
 
-/// Share below which a constraint is not named: rounding in a ray of 1e-8.
-const LEAST_SHARE: f64 = 1e-4;
+/// Part of the largest charge below which a place is not named: an interior point leaves every multiplier positive.
+const LEAST_SHARE: f64 = 1e-3;
+
+/// Takes from each pair of opposite bounds what both multipliers have in common.
+///
+/// Interior-point rays leave a positive multiplier on every bound. The common part of a pair cancels in A'y and adds
+/// `common * (upper - lower) >= 0` to b'y: without it the ray proves more and blames less.
+pub fn cancel_opposite_multipliers<const NX: usize, const NU: usize>(
+    multipliers: &mut Multipliers<NX, NU>,
+) {
+    for stage in &mut multipliers.stages {
+        cancel(&mut stage.u_min, &mut stage.u_max);
+        cancel(&mut stage.du_min, &mut stage.du_max);
+        cancel(&mut stage.x_min, &mut stage.x_max);
+    }
+    cancel(
+        &mut multipliers.terminal.x_min,
+        &mut multipliers.terminal.x_max,
+    );
+}
+
+fn cancel<const N: usize>(lower: &mut SVector<f64, N>, upper: &mut SVector<f64, N>) {
+    let common = lower.inf(upper);
+    *lower -= common;
+    *upper -= common;
+}
 
 /// Judges the ray in `solution.multipliers`; neither the states nor the costs are used.
 #[must_use]
@@ -92,7 +105,11 @@ pub fn examine_certificate<const NX: usize, const NU: usize>(
                 .max(gradient.state(k + 1).sum.amax())
         })
         .fold(0.0, f64::max);
-    let mut tally = Tally::default();
+    let mut largest = 0.0_f64;
+    for_each_scalar(problem, solution, |constraint| {
+        largest = largest.max(constraint.multiplier * constraint.norm);
+    });
+    let mut tally = Tally::new(LEAST_SHARE * largest);
     for (stage, costate) in problem.stages().iter().zip(&solution.multipliers.costates) {
         tally.product -= costate.dot(&stage.c);
     }
@@ -128,30 +145,69 @@ pub fn examine_certificate<const NX: usize, const NU: usize>(
     (certificate, tally.blame())
 }
 
-/// Running sums over the constraints; charges of one group and stage arrive one after another.
-#[derive(Default)]
+/// Charges of one group: its total, and the place where the most was charged.
+#[derive(Default, Clone, Copy)]
+struct Account {
+    total: f64,
+    here: Option<(Place, f64)>,
+    worst: Option<(Place, f64)>,
+    range: Option<(Place, Place)>,
+}
+
+impl Account {
+    /// Books what was charged at the present place and moves on.
+    fn close(&mut self, negligible: f64) {
+        let Some((place, amount)) = self.here.take() else {
+            return;
+        };
+        if amount <= negligible {
+            return;
+        }
+        let first = self.range.map_or(place, |(first, _)| first);
+        self.range = Some((first, place));
+        if self.worst.is_none_or(|(_, most)| amount > most) {
+            self.worst = Some((place, amount));
+        }
+    }
+}
+
+/// Running sums over the constraints; charges of one group and place arrive one after another.
 struct Tally {
     product: f64,
     sign_violation: f64,
-    total: f64,
-    open: [Option<BlameEntry>; 5],
-    ranking: Blame,
+    /// Amount at one place that does not count.
+    negligible: f64,
+    accounts: [(ConstraintGroup, Account); 5],
 }
 
 impl Tally {
+    fn new(negligible: f64) -> Self {
+        let groups = [
+            ConstraintGroup::InputBounds,
+            ConstraintGroup::RateLimits,
+            ConstraintGroup::StateBounds,
+            ConstraintGroup::Rows,
+            ConstraintGroup::TerminalSet,
+        ];
+        let accounts = groups.map(|group| (group, Account::default()));
+        Self {
+            product: 0.0,
+            sign_violation: 0.0,
+            negligible,
+            accounts,
+        }
+    }
+
     fn charge(&mut self, group: ConstraintGroup, place: Place, amount: f64) {
-        self.total += amount;
-        let slot = &mut self.open[group as usize];
-        match slot {
-            Some(entry) if entry.place == place => entry.share += amount,
+        let Some((_, account)) = self.accounts.iter_mut().find(|(of, _)| *of == group) else {
+            return;
+        };
+        account.total += amount;
+        match &mut account.here {
+            Some((at, sum)) if *at == place => *sum += amount,
             _ => {
-                if let Some(finished) = slot.replace(BlameEntry {
-                    group,
-                    place,
-                    share: amount,
-                }) {
-                    self.ranking.insert(finished);
-                }
+                account.close(self.negligible);
+                account.here = Some((place, amount));
             }
         }
     }
@@ -192,17 +248,22 @@ impl Tally {
         }
     }
 
-    fn blame(mut self) -> Blame {
-        for entry in self.open.into_iter().flatten() {
-            self.ranking.insert(entry);
-        }
-        let total = self.total;
-        for slot in &mut self.ranking.entries {
-            *slot = slot.filter(|entry| entry.share > LEAST_SHARE * total);
-            if let Some(entry) = slot {
-                entry.share /= total;
-            }
-        }
-        self.ranking
+    fn blame(self) -> Blame {
+        let whole: f64 = self.accounts.iter().map(|(_, account)| account.total).sum();
+        let mut entries = self.accounts.map(|(group, ref mut account)| {
+            account.close(self.negligible);
+            let (worst, range) = (account.worst?, account.range?);
+            let share = account.total / whole;
+            Some(BlameEntry {
+                group,
+                share,
+                worst: worst.0,
+                first: range.0,
+                last: range.1,
+            })
+        });
+        let share = |entry: &Option<BlameEntry>| entry.map_or(0.0, |entry| entry.share);
+        entries.sort_by(|one, other| share(other).total_cmp(&share(one)));
+        Blame { entries }
     }
 }

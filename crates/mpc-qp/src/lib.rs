@@ -3,6 +3,7 @@
 mod certificate;
 mod constraints;
 mod error;
+mod lagrangian;
 mod multipliers;
 mod problem;
 mod residuals;
@@ -17,7 +18,9 @@ mod validation;
 pub mod conic;
 pub mod problems;
 
-pub use certificate::{Blame, BlameEntry, InfeasibilityCertificate, examine_certificate};
+pub use certificate::{
+    Blame, BlameEntry, InfeasibilityCertificate, cancel_opposite_multipliers, examine_certificate,
+};
 pub use conic::ClarabelSolver;
 pub use error::{Place, ProblemError, SolveError};
 pub use multipliers::{

@@ -68,7 +68,7 @@ impl<const NX: usize, const NU: usize> OcpQp<NX, NU> {
             assert!(
                 NX > 0 && NU > 0,
                 "a problem has at least one state and one input"
-            )
+            );
         };
         if stages.is_empty() {
             return Err(ProblemError::EmptyHorizon);

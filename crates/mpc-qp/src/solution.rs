@@ -11,7 +11,10 @@ use std::time::Duration;
 
 /// How a solve ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "a boxed blame would allocate inside a solve")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a boxed blame would allocate inside a solve"
+)]
 pub enum SolveStatus {
     /// Optimal to the tolerance asked for.
     Solved,

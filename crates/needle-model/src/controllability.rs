@@ -15,6 +15,9 @@ use crate::error_direction::{ErrorDirection, sparse_basis};
 use crate::needle::{Input, Needle, StepError, check_step};
 use crate::se3::ad;
 
+/// Iterations granted to the singular value decomposition of a 6x6 matrix, which takes some 20.
+const SVD_ITERATIONS: usize = 1000;
+
 /// Singular values below this fraction of the largest do not count towards the dimension. Rounding
 /// leaves some 1e-16; the weakest direction of a nearly planar helix is about |omega| / (kappa v).
 pub const RANK_TOLERANCE: f64 = 1e-9;
@@ -60,6 +63,9 @@ pub enum ControllabilityError {
         /// What is wrong with it.
         source: StepError,
     },
+    /// The inputs are so large or so unequal that scaling them overflows.
+    #[error("the inputs cannot be scaled within double precision")]
+    Scaling,
 }
 
 /// Which errors can be corrected.
@@ -84,7 +90,7 @@ impl ControllabilityReport {
     /// Report for a constant reference input.
     ///
     /// # Errors
-    /// [`ControllabilityError::Stage`] when the input is not finite.
+    /// [`ControllabilityError`] when the input is not finite or too extreme to scale.
     pub fn of_reference_input(needle: Needle, input: Input) -> Result<Self, ControllabilityError> {
         check_step(true, input, 0.0)
             .map_err(|source| ControllabilityError::Stage { stage: 0, source })?;
@@ -109,18 +115,15 @@ impl ControllabilityReport {
                 *power = drift * *power;
             }
         }
-        Ok(Self::from_rows(
-            columns,
-            scale,
-            rate_warning(needle, &[input]),
-        ))
+        Self::from_rows(columns, scale, rate_warning(needle, &[input]))
     }
 
     /// Report for a window of inputs, each held for `dt_s`: what the inputs can do to the error at
     /// the window's end, in its body frame. The squared singular values are those of the Gramian.
     ///
     /// # Errors
-    /// [`ControllabilityError`] when the window is empty or an input is not finite.
+    /// [`ControllabilityError`] when the window is empty, or an input is not finite or too extreme
+    /// to scale.
     pub fn over_window(
         needle: Needle,
         inputs: &[Input],
@@ -148,19 +151,24 @@ impl ControllabilityReport {
             columns.set_row(2 * stage + 1, &by_omega.transpose());
             to_end *= jacobians.a;
         }
-        Ok(Self::from_rows(
-            columns,
-            scale,
-            rate_warning(needle, inputs),
-        ))
+        Self::from_rows(columns, scale, rate_warning(needle, inputs))
     }
 
     /// Judges the transposed controllability matrix (rows: one input at one stage).
-    fn from_rows(rows: DMatrix<f64>, scale: Scale, rate: Option<ControllabilityWarning>) -> Self {
+    fn from_rows(
+        rows: DMatrix<f64>,
+        scale: Scale,
+        rate: Option<ControllabilityWarning>,
+    ) -> Result<Self, ControllabilityError> {
+        if !rows.iter().all(|x| x.is_finite()) {
+            return Err(ControllabilityError::Scaling);
+        }
         // Only the triangular factor matters: it has the same right singular vectors.
         let triangular = rows.qr().r();
         let triangular: Matrix6<f64> = triangular.fixed_view::<6, 6>(0, 0).into_owned();
-        let svd = triangular.svd(false, true);
+        let svd = triangular
+            .try_svd(false, true, f64::EPSILON, SVD_ITERATIONS)
+            .ok_or(ControllabilityError::Scaling)?;
         let directions = svd.v_t.unwrap_or_else(Matrix6::identity);
         let singular_values = svd.singular_values;
         let largest = singular_values[0];
@@ -186,14 +194,14 @@ impl ControllabilityReport {
             let direction = directions.row(dimension - 1).transpose();
             weakest = Some(ErrorDirection::from_scaled(&direction, length_mm));
         }
-        Self {
+        Ok(Self {
             dimension,
             singular_values,
             uncontrollable,
             weakest,
             warnings,
             length_scale_mm: length_mm,
-        }
+        })
     }
 }
 

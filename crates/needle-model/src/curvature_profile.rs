@@ -1,6 +1,6 @@
 //! Curvature that varies along the inserted length: layers of tissue of different stiffness give
-//! the same bevel different curvatures (K. Reed et al., "Robot-assisted needle steering", IEEE
-//! Robotics and Automation Magazine 18, 2011, who report the spread between tissues).
+//! the same bevel different curvatures. Context: K. Reed et al., "Robot-assisted needle steering", IEEE
+//! Robotics and Automation Magazine 18, 2011. No values of tissues are given here.
 
 use thiserror::Error;
 

@@ -22,12 +22,14 @@ mod planner_poses;
 mod pose;
 mod position_curve;
 mod position_path;
+mod position_path_settings;
 mod printed_linearisation;
 mod reference_path;
 mod reference_window;
 mod residual;
 pub mod se3;
 mod spin_guess;
+mod spline;
 mod stumpff;
 mod torsion;
 
@@ -56,9 +58,8 @@ pub use physical_needle::{PhysicalNeedle, PhysicalState};
 pub use planner_poses::{PlannerFile, read_planner_poses, write_planner_poses};
 pub use pose::Pose;
 pub use position_curve::{CurvePoint, MIN_POSITIONS, PositionCurve, PositionCurveError};
-pub use position_path::{
-    PositionPathError, PositionPathProblem, PositionPathSettings, PositionStage,
-};
+pub use position_path::{PositionPathError, PositionPathProblem, PositionStage};
+pub use position_path_settings::PositionPathSettings;
 pub use printed_linearisation::printed_linearisation;
 pub use reference_path::{ReferencePath, ReferencePathError};
 pub use reference_window::ReferenceWindow;

@@ -14,6 +14,7 @@ use thiserror::Error;
 use crate::needle::{Input, Needle, StepError};
 use crate::pose::Pose;
 use crate::position_curve::{PositionCurve, PositionCurveError};
+use crate::position_path_settings::PositionPathSettings;
 use crate::reference_path::{ReferencePath, ReferencePathError};
 use crate::residual::{PointResidual, StepResidual, position_residual};
 use crate::spin_guess::{SpinLimits, spun_poses};
@@ -26,45 +27,6 @@ const GUESS_MARGIN: f64 = 0.02;
 
 /// Factor between the smoothing lengths that are tried.
 const SMOOTHING_GROWTH: f64 = 1.25;
-
-/// Hard limits of the inputs, and how fast to move.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PositionPathSettings {
-    /// Insertion speed to aim at, mm/s; lowered a little so that the curve is a whole number of steps.
-    pub speed_mm_s: f64,
-    /// Time step, s.
-    pub dt_s: f64,
-    /// Least insertion speed, mm/s.
-    pub v_min_mm_s: f64,
-    /// Greatest insertion speed, mm/s.
-    pub v_max_mm_s: f64,
-    /// Greatest rotation speed either way, rad/s.
-    pub omega_max_rad_s: f64,
-    /// Standard deviation that makes a position error cost 1, mm.
-    pub position_sigma_mm: f64,
-    /// Standard deviation that makes a deviation from the speed cost 1, mm/s.
-    pub speed_sigma_mm_s: f64,
-    /// Standard deviation that makes a deviation from the guessed rotation cost 1, rad/s.
-    pub omega_sigma_rad_s: f64,
-}
-
-impl Default for PositionPathSettings {
-    /// 5 mm/s at 0.1 s, no retraction, one turn a second at most. At a position sigma of 0.05 mm
-    /// Gauss-Newton settles in three steps on a curve that needs spinning; at 1e-3 mm its full steps
-    /// diverge there, for a gain in accuracy that no needle has.
-    fn default() -> Self {
-        Self {
-            speed_mm_s: 5.0,
-            dt_s: 0.1,
-            v_min_mm_s: 0.0,
-            v_max_mm_s: 10.0,
-            omega_max_rad_s: std::f64::consts::TAU,
-            position_sigma_mm: 0.05,
-            speed_sigma_mm_s: 1.0,
-            omega_sigma_rad_s: 1.0,
-        }
-    }
-}
 
 /// Why positions make no problem.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
@@ -283,48 +245,4 @@ fn gentler_curve(
         smoothing_mm *= SMOOTHING_GROWTH;
     }
     gentlest
-}
-
-impl PositionPathSettings {
-    /// The nearest input within the limits.
-    #[must_use]
-    pub fn within_limits(&self, input: Input) -> Input {
-        let limit = self.omega_max_rad_s;
-        Input {
-            v_mm_s: input.v_mm_s.max(self.v_min_mm_s).min(self.v_max_mm_s),
-            omega_rad_s: input.omega_rad_s.max(-limit).min(limit),
-        }
-    }
-
-    fn weights(&self) -> (f64, f64, f64) {
-        (
-            1.0 / self.position_sigma_mm,
-            1.0 / self.speed_sigma_mm_s,
-            1.0 / self.omega_sigma_rad_s,
-        )
-    }
-
-    fn check(&self) -> Result<(), PositionPathError> {
-        let positive = [
-            ("speed_mm_s", self.speed_mm_s),
-            ("dt_s", self.dt_s),
-            ("omega_max_rad_s", self.omega_max_rad_s),
-            ("position_sigma_mm", self.position_sigma_mm),
-            ("speed_sigma_mm_s", self.speed_sigma_mm_s),
-            ("omega_sigma_rad_s", self.omega_sigma_rad_s),
-        ];
-        for (setting, value) in positive {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(PositionPathError::Setting { setting, value });
-            }
-        }
-        // Also refuses limits that are not numbers: no range of them contains the speed.
-        if !(self.v_min_mm_s..=self.v_max_mm_s).contains(&self.speed_mm_s) {
-            return Err(PositionPathError::Setting {
-                setting: "speed_mm_s",
-                value: self.speed_mm_s,
-            });
-        }
-        Ok(())
-    }
 }

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3x6, Matrix6, Matrix6x2, Vector3, Vector6};
 
 use crate::needle::{Input, Needle, StepError};
 use crate::pose::Pose;
-use crate::se3::{hat, left_jacobian, left_jacobian_inverse, right_jacobian_inverse};
+use crate::se3::{adjoint, hat, left_jacobian, left_jacobian_inverse};
 
 /// Residual log(target^-1 f(pose, input)) of one step, and its Jacobians.
 ///
@@ -110,11 +110,14 @@ pub fn pose_residual(pose: &Pose, reference: &Pose) -> Result<PoseResidual, Step
     if !(pose.is_finite() && reference.is_finite()) {
         return Err(StepError::NonFiniteState);
     }
-    let value = pose.error_from(reference);
+    let relative = reference.relative(pose);
+    let value = relative.log();
+    let left_inverse = left_jacobian_inverse(&value);
     Ok(PoseResidual {
         value,
-        by_pose: right_jacobian_inverse(&value),
-        by_reference: -left_jacobian_inverse(&value),
+        // J_r(xi)^-1 = J_l(xi)^-1 Ad(exp xi): one Jacobian serves both.
+        by_pose: left_inverse * adjoint(&relative),
+        by_reference: -left_inverse,
     })
 }
 

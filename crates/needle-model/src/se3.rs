@@ -36,17 +36,19 @@ pub fn adjoint(pose: &Pose) -> Matrix6<f64> {
 pub fn left_jacobian(xi: &Vector6<f64>) -> Matrix6<f64> {
     let (rho, phi) = split(xi);
     let c = Stumpff::at_squared_angle(phi.norm_squared());
-    let (r, f) = (hat(&rho), hat(&phi));
-    let ff = f * f;
-    let j = Matrix3::identity() + f * c.c2 + ff * c.c3;
-    let fr = f * r;
-    let rf = r * f;
+    let f = hat(&phi);
+    let j = Matrix3::identity() + f * c.c2 + f * f * c.c3;
+    block_upper(&j, &coupling(&hat(&rho), &f, &c))
+}
+
+/// Upper right block Q of the left Jacobian, from rho^, phi^ and the coefficients at |phi|^2.
+fn coupling(r: &Matrix3<f64>, f: &Matrix3<f64>, c: &Stumpff) -> Matrix3<f64> {
+    let (fr, rf) = (f * r, r * f);
     let frf = fr * f;
-    let q = r * 0.5
+    r * 0.5
         + (fr + rf + frf) * c.c3
         + (f * fr + rf * f - frf * 3.0) * c.c4
-        + (frf * f + f * frf) * (0.5 * (c.c4 - 3.0 * c.c5));
-    block_upper(&j, &q)
+        + (frf * f + f * frf) * (0.5 * (c.c4 - 3.0 * c.c5))
 }
 
 /// Right Jacobian: exp(xi + d) = exp(xi) exp(J_r(xi) d) to first order in d; J_r(xi) = J_l(-xi).
@@ -58,12 +60,13 @@ pub fn right_jacobian(xi: &Vector6<f64>) -> Matrix6<f64> {
 /// Inverse of [`left_jacobian`]. Rotations below 2 pi only, which every logarithm satisfies.
 #[must_use]
 pub fn left_jacobian_inverse(xi: &Vector6<f64>) -> Matrix6<f64> {
-    let phi = split(xi).1;
+    let (rho, phi) = split(xi);
+    let squared_angle = phi.norm_squared();
     let f = hat(&phi);
-    let d = inverse_jacobian_coefficient(phi.norm_squared());
-    let j_inverse = Matrix3::identity() - f * 0.5 + f * f * d;
-    let q = left_jacobian(xi).fixed_view::<3, 3>(0, 3).into_owned();
-    block_upper(&j_inverse, &(-(j_inverse * q * j_inverse)))
+    let j_inverse =
+        Matrix3::identity() - f * 0.5 + f * f * inverse_jacobian_coefficient(squared_angle);
+    let q = coupling(&hat(&rho), &f, &Stumpff::at_squared_angle(squared_angle));
+    block_upper(&j_inverse, &-(j_inverse * q * j_inverse))
 }
 
 /// Inverse of [`right_jacobian`]; rotations below 2 pi.

@@ -3,81 +3,31 @@
 //! One walk serves both, so indices and values cannot get out of step. A row whose bound has become infinite since the
 //! pattern was made reads `0 z + s = 1`: true for every z, with a multiplier that goes to zero.
 
-use super::layout::{Inequality, Layout, Side};
-use super::pattern::Pattern;
+use super::inequality::{Inequality, Side};
+use super::layout::Layout;
+use super::target::Target;
 use crate::problem::OcpQp;
 use crate::softening::Penalty;
 use crate::terminal::TerminalSet;
-use faer::sparse::Pair;
 
-/// Receiver of the entries.
-pub(super) trait Target {
-    fn cost(&mut self, row: usize, column: usize, value: f64);
-    fn constraint(&mut self, row: usize, column: usize, value: f64);
-    fn linear(&mut self, column: usize, value: f64);
-    fn right(&mut self, row: usize, value: f64);
-}
-
-/// Collects the places of the entries.
-#[derive(Default)]
-pub(super) struct Indices {
-    pub(super) cost: Vec<Pair<usize, usize>>,
-    pub(super) constraints: Vec<Pair<usize, usize>>,
-}
-
-impl Target for Indices {
-    fn cost(&mut self, row: usize, col: usize, _value: f64) {
-        self.cost.push(Pair { row, col });
+/// The power of two that brings the largest cost entry to between 1 and 2, or 1 for a zero cost.
+///
+/// Clarabel scales the cost as well, but at most by 1e4, and keeps the scaling of its first problem. A power of two changes
+/// no mantissa.
+pub(super) fn cost_scale<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> f64 {
+    let terminal = problem.terminal();
+    let mut largest = terminal.p.amax().max(terminal.p_linear.amax());
+    for stage in problem.stages() {
+        let quadratic = stage.q.amax().max(stage.r.amax());
+        largest = largest
+            .max(quadratic)
+            .max(stage.q_linear.amax())
+            .max(stage.r_linear.amax());
     }
-    fn constraint(&mut self, row: usize, col: usize, _value: f64) {
-        self.constraints.push(Pair { row, col });
-    }
-    fn linear(&mut self, _column: usize, _value: f64) {}
-    fn right(&mut self, _row: usize, _value: f64) {}
-}
-
-/// Writes the entries into an existing pattern.
-pub(super) struct Values<'a> {
-    cost: &'a mut Pattern,
-    constraints: &'a mut Pattern,
-    linear: &'a mut [f64],
-    right: &'a mut [f64],
-    cost_ordinal: usize,
-    constraint_ordinal: usize,
-}
-
-impl<'a> Values<'a> {
-    pub(super) fn new(
-        cost: &'a mut Pattern,
-        constraints: &'a mut Pattern,
-        linear: &'a mut [f64],
-        right: &'a mut [f64],
-    ) -> Self {
-        Self {
-            cost,
-            constraints,
-            linear,
-            right,
-            cost_ordinal: 0,
-            constraint_ordinal: 0,
-        }
-    }
-}
-
-impl Target for Values<'_> {
-    fn cost(&mut self, _row: usize, _column: usize, value: f64) {
-        self.cost.write(self.cost_ordinal, value);
-        self.cost_ordinal += 1;
-    }
-    fn constraint(&mut self, _row: usize, _column: usize, value: f64) {
-        self.constraints.write(self.constraint_ordinal, value);
-        self.constraint_ordinal += 1;
-    }
-    fn linear(&mut self, column: usize, value: f64) {
-        self.linear[column] = value;
-    }
-    fn right(&mut self, row: usize, value: f64) {
-        self.right[row] = value;
+    if largest > f64::MIN_POSITIVE {
+        (-largest.log2().floor()).exp2()
+    } else {
+        1.0
     }
 }
 

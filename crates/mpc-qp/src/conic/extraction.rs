@@ -1,7 +1,8 @@
 //! Reads Clarabel's vectors back into stages, and its verdict into ours.
 
-use super::layout::{Inequality, Layout, Side};
-use crate::certificate::examine_certificate;
+use super::inequality::{Inequality, Side};
+use super::layout::Layout;
+use crate::certificate::{cancel_opposite_multipliers, examine_certificate};
 use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
 use crate::problem::OcpQp;
 use crate::softening::Penalty;
@@ -10,12 +11,14 @@ use clarabel::solver::{DefaultSolution, SolverStatus};
 use nalgebra::SVector;
 
 /// Worst shared residual at which a solve that stopped early still counts as an inaccurate solution.
-const INACCURATE: f64 = 1e-5;
+pub(super) const INACCURATE: f64 = 1e-5;
 
+/// `price` turns Clarabel's multipliers, those of the scaled cost, into the problem's.
 pub(super) fn extract<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     layout: &Layout<NX, NU>,
     found: &DefaultSolution<f64>,
+    price: f64,
     solution: &mut Solution<NX, NU>,
 ) {
     let n = problem.horizon();
@@ -25,20 +28,20 @@ pub(super) fn extract<const NX: usize, const NU: usize>(
         solution.u[k] = block(&found.x, layout.input(k));
         solution.x[k + 1] = block(&found.x, layout.state(k + 1));
         // Clarabel adds z'(x_{k+1} - A x_k - ...): the costate with the other sign.
-        solution.multipliers.costates[k] = -block::<NX>(&found.z, k * NX);
+        solution.multipliers.costates[k] = block::<NX>(&found.z, k * NX) * -price;
     }
     clear_scalars(solution);
     for (offset, scalar) in layout.scalars.iter().enumerate() {
         if scalar.inequality.right(problem) == f64::INFINITY {
             continue;
         }
-        let multiplier = finite(found.z[layout.equalities() + offset]);
+        let multiplier = price * finite(found.z[layout.equalities() + offset]);
         let slack = scalar
             .slack
             .map_or(0.0, |column| finite(found.x[column]).max(0.0));
         place(solution, scalar.inequality, multiplier, slack);
     }
-    terminal_set(problem, layout, found, solution);
+    terminal_set(problem, layout, found, price, solution);
 }
 
 fn finite(value: f64) -> f64 {
@@ -132,15 +135,16 @@ fn terminal_set<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     layout: &Layout<NX, NU>,
     found: &DefaultSolution<f64>,
+    price: f64,
     solution: &mut Solution<NX, NU>,
 ) {
     match &mut solution.multipliers.terminal.set {
         TerminalSetMultipliers::Equality(multiplier) => {
-            *multiplier = block(&found.z, layout.terminal_equality());
+            *multiplier = block::<NX>(&found.z, layout.terminal_equality()) * price;
         }
         TerminalSetMultipliers::Ellipsoid { radius, offset } => {
-            *radius = finite(found.z[layout.cone()]);
-            *offset = block(&found.z, layout.cone() + 1);
+            *radius = price * finite(found.z[layout.cone()]);
+            *offset = block::<NX>(&found.z, layout.cone() + 1) * price;
         }
         _ => {}
     }
@@ -164,11 +168,12 @@ fn terminal_set<const NX: usize, const NU: usize>(
 pub(super) fn status<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     verdict: SolverStatus,
-    solution: &Solution<NX, NU>,
+    solution: &mut Solution<NX, NU>,
 ) -> SolveStatus {
     match verdict {
         SolverStatus::Solved => SolveStatus::Solved,
         SolverStatus::PrimalInfeasible => {
+            cancel_opposite_multipliers(&mut solution.multipliers);
             let (certificate, blame) = examine_certificate(problem, solution);
             if certificate.residual.is_finite() {
                 SolveStatus::PrimalInfeasible { certificate, blame }

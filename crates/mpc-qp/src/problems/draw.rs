@@ -47,9 +47,13 @@ impl Draw {
     }
 
     /// A dense symmetric matrix with these eigenvalues: a random reflection of the diagonal.
-    pub(super) fn with_spectrum<const N: usize>(&mut self, eigenvalues: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+    pub(super) fn with_spectrum<const N: usize>(
+        &mut self,
+        eigenvalues: &SVector<f64, N>,
+    ) -> SMatrix<f64, N, N> {
         let normal: SVector<f64, N> = self.matrix();
-        let reflection = SMatrix::identity() - normal * normal.transpose() * (2.0 / normal.norm_squared().max(1e-300));
+        let reflection = SMatrix::identity()
+            - normal * normal.transpose() * (2.0 / normal.norm_squared().max(1e-300));
         let full = reflection * SMatrix::from_diagonal(eigenvalues) * reflection;
         (full + full.transpose()) * 0.5
     }

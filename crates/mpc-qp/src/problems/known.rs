@@ -24,7 +24,11 @@ impl<const NX: usize, const NU: usize> KnownProblem<NX, NU> {
         let mut x = Vec::new();
         problem.rollout(&u, &mut x);
         let objective = problem.objective(&x, &u, &crate::multipliers::Slacks::zeros(&problem));
-        Self { problem, u, objective }
+        Self {
+            problem,
+            u,
+            objective,
+        }
     }
 }
 
@@ -32,12 +36,24 @@ impl<const NX: usize, const NU: usize> KnownProblem<NX, NU> {
 ///
 /// # Errors
 /// [`ProblemError`] for weights or a limit out of range.
-pub fn one_scalar_step(x_0: f64, q: f64, r: f64, limit: f64) -> Result<KnownProblem<1, 1>, ProblemError> {
+pub fn one_scalar_step(
+    x_0: f64,
+    q: f64,
+    r: f64,
+    limit: f64,
+) -> Result<KnownProblem<1, 1>, ProblemError> {
     let mut stage = Stage::new(Matrix1::new(1.0), Matrix1::new(1.0));
     stage.r[0] = r;
     (stage.u_min[0], stage.u_max[0]) = (-limit, limit);
-    let problem = OcpQp::new(Vector1::new(x_0), vec![stage], Terminal::new(Matrix1::new(q)))?;
-    Ok(KnownProblem::from_inputs(problem, vec![Vector1::new((-q * x_0 / (q + r)).clamp(-limit, limit))]))
+    let problem = OcpQp::new(
+        Vector1::new(x_0),
+        vec![stage],
+        Terminal::new(Matrix1::new(q)),
+    )?;
+    Ok(KnownProblem::from_inputs(
+        problem,
+        vec![Vector1::new((-q * x_0 / (q + r)).clamp(-limit, limit))],
+    ))
 }
 
 /// A double integrator (dt = 0.1, |u| <= 1) so far away that full thrust is optimal at every stage: with terminal cost
@@ -52,7 +68,10 @@ pub fn saturated_double_integrator(horizon: usize) -> Result<KnownProblem<2, 1>,
     (stage.u_min[0], stage.u_max[0]) = (-1.0, 1.0);
     let terminal = Terminal::new(Matrix2::new(1.0, 0.0, 0.0, 0.0));
     let problem = OcpQp::new(Vector2::new(100.0, 0.0), vec![stage; horizon], terminal)?;
-    Ok(KnownProblem::from_inputs(problem, vec![Vector1::new(-1.0); horizon]))
+    Ok(KnownProblem::from_inputs(
+        problem,
+        vec![Vector1::new(-1.0); horizon],
+    ))
 }
 
 /// A double integrator from rest at 0 to rest at 1 with least `sum u^2 / 2`: the inputs are linear in time,
@@ -65,10 +84,13 @@ pub fn least_effort_double_integrator(horizon: usize) -> Result<KnownProblem<2, 
     let mut stage = double_integrator();
     stage.r[0] = 1.0;
     let mut terminal = Terminal::new(Matrix2::zeros());
-    terminal.set = TerminalSet::Equality { target: Vector2::new(1.0, 0.0) };
+    terminal.set = TerminalSet::Equality {
+        target: Vector2::new(1.0, 0.0),
+    };
     let problem = OcpQp::new(Vector2::zeros(), vec![stage; horizon], terminal)?;
     let n = horizon as f64;
-    let u = (0..horizon).map(|k| Vector1::new(6.0 * (n - 1.0 - 2.0 * k as f64) / (0.01 * n * (n * n - 1.0))));
+    let u = (0..horizon)
+        .map(|k| Vector1::new(6.0 * (n - 1.0 - 2.0 * k as f64) / (0.01 * n * (n * n - 1.0))));
     Ok(KnownProblem::from_inputs(problem, u.collect()))
 }
 
@@ -82,20 +104,31 @@ fn double_integrator() -> Stage<2, 1> {
 ///
 /// # Errors
 /// [`ProblemError`] for an empty horizon or a start that is not finite.
-pub fn straight_needle(x_0: Vector2<f64>, horizon: usize) -> Result<KnownProblem<2, 2>, ProblemError> {
+pub fn straight_needle(
+    x_0: Vector2<f64>,
+    horizon: usize,
+) -> Result<KnownProblem<2, 2>, ProblemError> {
     let (dt, q, r) = (0.1_f64, 10.0, 1.0);
     let p = (q * dt + (q * q * dt * dt + 4.0 * q * r).sqrt()) / (2.0 * dt);
     let gain = p * dt / (r + p * dt * dt);
     let mut stage = Stage::new(Matrix2::identity(), Matrix2::identity() * dt);
     (stage.q, stage.r) = (Matrix2::identity() * q, Matrix2::identity() * r);
-    let problem = OcpQp::new(x_0, vec![stage; horizon], Terminal::new(Matrix2::identity() * p))?;
+    let problem = OcpQp::new(
+        x_0,
+        vec![stage; horizon],
+        Terminal::new(Matrix2::identity() * p),
+    )?;
     let mut x = x_0;
     let mut u = Vec::new();
     for _ in 0..horizon {
         u.push(x * -gain);
         x *= 1.0 - gain * dt;
     }
-    Ok(KnownProblem { problem, u, objective: 0.5 * p * x_0.norm_squared() })
+    Ok(KnownProblem {
+        problem,
+        u,
+        objective: 0.5 * p * x_0.norm_squared(),
+    })
 }
 
 /// Projection onto a disc: `x_1 = u`, cost `|u - wish|^2 / 2` (its constant dropped), `|x_1 - center| <= radius`.
@@ -111,11 +144,18 @@ pub fn projection_onto_disc(
     let mut stage = Stage::new(Matrix2::zeros(), Matrix2::identity());
     (stage.r, stage.r_linear) = (Matrix2::identity(), -wish);
     let mut terminal = Terminal::new(Matrix2::zeros());
-    terminal.set = TerminalSet::Ellipsoid { shape: Matrix2::identity(), center, level: radius * radius };
+    terminal.set = TerminalSet::Ellipsoid {
+        shape: Matrix2::identity(),
+        center,
+        level: radius * radius,
+    };
     let problem = OcpQp::new(Vector2::zeros(), vec![stage], terminal)?;
     let offset = wish - center;
     let shrink = (radius / offset.norm()).min(1.0);
-    Ok(KnownProblem::from_inputs(problem, vec![center + offset * shrink]))
+    Ok(KnownProblem::from_inputs(
+        problem,
+        vec![center + offset * shrink],
+    ))
 }
 
 /// `x_0` on the boundary of the unit disc that is also the terminal set, and a cost that pulls outward: staying is optimal.
@@ -127,9 +167,16 @@ pub fn start_on_terminal_boundary(horizon: usize) -> Result<KnownProblem<2, 2>, 
     stage.r = Matrix2::identity();
     let mut terminal = Terminal::new(Matrix2::zeros());
     terminal.p_linear = Vector2::new(-1.0, 0.0);
-    terminal.set = TerminalSet::Ellipsoid { shape: Matrix2::identity(), center: Vector2::zeros(), level: 1.0 };
+    terminal.set = TerminalSet::Ellipsoid {
+        shape: Matrix2::identity(),
+        center: Vector2::zeros(),
+        level: 1.0,
+    };
     let problem = OcpQp::new(Vector2::new(1.0, 0.0), vec![stage; horizon], terminal)?;
-    Ok(KnownProblem::from_inputs(problem, vec![Vector2::zeros(); horizon]))
+    Ok(KnownProblem::from_inputs(
+        problem,
+        vec![Vector2::zeros(); horizon],
+    ))
 }
 
 /// `x_1 = u`, cost `(u - 2)^2 / 2` (constant dropped), the row `u <= 1` given three times and once scaled by 10: u = 1.
@@ -139,10 +186,22 @@ pub fn start_on_terminal_boundary(horizon: usize) -> Result<KnownProblem<2, 2>, 
 pub fn redundant_rows() -> Result<KnownProblem<1, 1>, ProblemError> {
     let mut stage = Stage::new(Matrix1::zeros(), Matrix1::new(1.0));
     (stage.r[0], stage.r_linear[0]) = (1.0, -2.0);
-    let row = Row { g_x: Vector1::zeros(), h_u: Vector1::new(1.0), upper: 1.0 };
-    let scaled = Row { h_u: row.h_u * 10.0, upper: 10.0, ..row };
+    let row = Row {
+        g_x: Vector1::zeros(),
+        h_u: Vector1::new(1.0),
+        upper: 1.0,
+    };
+    let scaled = Row {
+        h_u: row.h_u * 10.0,
+        upper: 10.0,
+        ..row
+    };
     stage.rows = vec![row, row, row, scaled];
-    let problem = OcpQp::new(Vector1::zeros(), vec![stage], Terminal::new(Matrix1::zeros()))?;
+    let problem = OcpQp::new(
+        Vector1::zeros(),
+        vec![stage],
+        Terminal::new(Matrix1::zeros()),
+    )?;
     Ok(KnownProblem::from_inputs(problem, vec![Vector1::new(1.0)]))
 }
 
@@ -153,7 +212,11 @@ pub fn redundant_rows() -> Result<KnownProblem<1, 1>, ProblemError> {
 pub fn weakly_active_bound() -> Result<KnownProblem<1, 1>, ProblemError> {
     let mut stage = Stage::new(Matrix1::zeros(), Matrix1::new(1.0));
     (stage.r[0], stage.r_linear[0], stage.u_max[0]) = (1.0, -2.0, 2.0);
-    let problem = OcpQp::new(Vector1::zeros(), vec![stage], Terminal::new(Matrix1::zeros()))?;
+    let problem = OcpQp::new(
+        Vector1::zeros(),
+        vec![stage],
+        Terminal::new(Matrix1::zeros()),
+    )?;
     Ok(KnownProblem::from_inputs(problem, vec![Vector1::new(2.0)]))
 }
 
@@ -168,12 +231,19 @@ pub fn soft_bound_out_of_reach(penalty: Penalty) -> Result<KnownProblem<1, 1>, P
     (stage.u_min[0], stage.u_max[0]) = (-1.0, 1.0);
     let mut terminal = Terminal::new(Matrix1::zeros());
     terminal.x_min[0] = 3.0;
-    let softening = Softening { state_bounds: penalty, ..Softening::default() };
+    let softening = Softening {
+        state_bounds: penalty,
+        ..Softening::default()
+    };
     let problem = OcpQp::new(Vector1::zeros(), vec![stage], terminal)?.with_softening(softening)?;
     let u = match penalty {
         Penalty::Hard => f64::NAN,
         Penalty::Exact { weight } => weight.min(1.0),
         Penalty::Quadratic { weight } => (3.0 * weight / (1.0 + weight)).min(1.0),
     };
-    Ok(KnownProblem { problem, u: vec![Vector1::new(u)], objective: 0.5 * u * u + penalty.cost(3.0 - u) })
+    Ok(KnownProblem {
+        problem,
+        u: vec![Vector1::new(u)],
+        objective: 0.5 * u * u + penalty.cost(3.0 - u),
+    })
 }

@@ -7,4 +7,5 @@ mod draw;
 pub mod known;
 
 pub mod random;
+mod recipe;
 pub mod tracking;

@@ -4,161 +4,39 @@
 //! strictly feasible point whatever the cost. (Touching constraints with a terminal equality can leave one single feasible
 //! point: rounding then decides, and no solver can be blamed for either answer.) An infeasible one then gets one contradiction that can be read off the data, with its group.
 
+pub use super::recipe::{Recipe, SetKind};
+
 use super::draw::Draw;
 use crate::error::ProblemError;
 use crate::problem::OcpQp;
-use crate::softening::{ConstraintGroup, Penalty, Softening};
+use crate::softening::ConstraintGroup;
 use crate::stage::{Row, Stage};
 use crate::terminal::{HalfSpace, Terminal, TerminalSet};
 use nalgebra::{SMatrix, SVector};
-
-/// The kind of terminal set to draw.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum SetKind {
-    /// No terminal set.
-    None,
-    /// The reference's end point.
-    Equality,
-    /// Faces around the reference's end.
-    Polytope,
-    /// An ellipsoid around a point near the reference's end.
-    Ellipsoid,
-}
-
-/// What a random problem consists of.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Recipe {
-    /// Number of stages.
-    pub horizon: usize,
-    /// Boxes on the inputs, some one-sided.
-    pub input_bounds: bool,
-    /// Rate limits, at stage 0 too.
-    pub rate_limits: bool,
-    /// Boxes on some of the states, some one-sided.
-    pub state_bounds: bool,
-    /// General rows at each stage.
-    pub rows: usize,
-    /// Cross weights S.
-    pub cross_weights: bool,
-    /// Terminal set.
-    pub set: SetKind,
-    /// Softened groups.
-    pub softening: Softening,
-    /// Weights within one matrix differ by up to 10 to this power; the whole cost is scaled by 10 to plus or minus its half.
-    pub weight_decades: f64,
-    /// Distance of constraints from the reference trajectory; a tenth of them are twenty times closer.
-    pub margin: f64,
-    /// The contradiction to plant, if any.
-    pub contradiction: Option<ConstraintGroup>,
-}
-
-impl Recipe {
-    /// A random recipe: every kind of constraint, horizon 1 to `longest`, feasible.
-    #[must_use]
-    pub fn feasible(seed: u64, longest: usize) -> Self {
-        let draw = &mut Draw::new(seed ^ 0x5eed_0000_0000_0001);
-        let set = match draw.integer(0, 4) {
-            0 => SetKind::Equality,
-            1 => SetKind::Polytope,
-            2 | 3 => SetKind::Ellipsoid,
-            _ => SetKind::None,
-        };
-        Self {
-            horizon: draw.integer(1, longest.max(1)),
-            input_bounds: draw.chance(0.7),
-            rate_limits: draw.chance(0.5),
-            state_bounds: draw.chance(0.5),
-            rows: if draw.chance(0.4) { draw.integer(1, 4) } else { 0 },
-            cross_weights: draw.chance(0.3),
-            set,
-            softening: Softening::default(),
-            weight_decades: 0.0,
-            margin: draw.power_of_ten(-1.0, 0.5),
-            contradiction: None,
-        }
-    }
-
-    /// As [`Self::feasible`], with one to three groups softened.
-    #[must_use]
-    pub fn softened(seed: u64, longest: usize) -> Self {
-        let draw = &mut Draw::new(seed ^ 0x5eed_0000_0000_0002);
-        let mut penalty = || {
-            let weight = draw.power_of_ten(0.0, 3.0);
-            match draw.integer(0, 2) {
-                0 => Penalty::Hard,
-                1 => Penalty::Exact { weight },
-                _ => Penalty::Quadratic { weight },
-            }
-        };
-        let softening = Softening { state_bounds: penalty(), rows: penalty(), terminal_set: penalty() };
-        Self { softening, state_bounds: true, ..Self::feasible(seed, longest) }
-    }
-
-    /// As [`Self::feasible`], with weights spread over twelve decades and the whole cost scaled by 1e-6 to 1e6.
-    #[must_use]
-    pub fn badly_scaled(seed: u64, longest: usize) -> Self {
-        Self { weight_decades: 12.0, ..Self::feasible(seed, longest) }
-    }
-
-    /// As [`Self::feasible`], with one contradiction among its hard constraints.
-    #[must_use]
-    pub fn infeasible(seed: u64, longest: usize) -> Self {
-        let contradiction = match seed % 4 {
-            0 => ConstraintGroup::InputBounds,
-            1 => ConstraintGroup::RateLimits,
-            2 => ConstraintGroup::Rows,
-            _ => ConstraintGroup::TerminalSet,
-        };
-        let mut recipe = Self { contradiction: Some(contradiction), ..Self::feasible(seed, longest) };
-        match contradiction {
-            ConstraintGroup::Rows => recipe.rows = recipe.rows.max(2),
-            ConstraintGroup::TerminalSet => {
-                recipe.input_bounds = true;
-                recipe.set = if seed % 8 < 4 { SetKind::Ellipsoid } else { SetKind::Equality };
-            }
-            _ => {
-                recipe.input_bounds = true;
-                recipe.rate_limits = true;
-            }
-        }
-        recipe
-    }
-
-    /// One of the four kinds above in turn.
-    #[must_use]
-    pub fn any(seed: u64, longest: usize) -> Self {
-        match seed % 5 {
-            0 | 1 => Self::feasible(seed / 5, longest),
-            2 => Self::softened(seed / 5, longest),
-            3 => Self::badly_scaled(seed / 5, longest),
-            _ => Self::infeasible(seed / 5, longest),
-        }
-    }
-
-    /// True if the problem has a feasible point by construction.
-    #[must_use]
-    pub fn is_feasible(&self) -> bool {
-        self.contradiction.is_none()
-    }
-}
 
 /// The problem that `recipe` and `seed` make.
 ///
 /// # Errors
 /// [`ProblemError::EmptyHorizon`] for a recipe without stages, or a refused softening; the data drawn are always valid.
-pub fn problem<const NX: usize, const NU: usize>(seed: u64, recipe: &Recipe) -> Result<OcpQp<NX, NU>, ProblemError> {
+pub fn problem<const NX: usize, const NU: usize>(
+    seed: u64,
+    recipe: &Recipe,
+) -> Result<OcpQp<NX, NU>, ProblemError> {
     let mut draw = Draw::new(seed);
     let mut stages = dynamics(&mut draw, recipe);
     let mut reference = Reference::draw(&mut draw, &stages);
+    let whole = draw.power_of_ten(-recipe.weight_decades / 4.0, recipe.weight_decades / 4.0);
     for (k, stage) in stages.iter_mut().enumerate() {
-        weights(&mut draw, recipe, stage);
+        weights(&mut draw, recipe, whole, stage);
         constraints(&mut draw, recipe, &reference, k, stage);
     }
     let mut terminal = terminal(&mut draw, recipe, reference.x[recipe.horizon]);
+    terminal.p *= whole;
     if let Some(group) = recipe.contradiction {
         contradict(&mut draw, group, &mut reference, &mut stages, &mut terminal);
     }
-    let mut problem = OcpQp::new(reference.x[0], stages, terminal)?.with_softening(recipe.softening)?;
+    let mut problem =
+        OcpQp::new(reference.x[0], stages, terminal)?.with_softening(recipe.softening)?;
     problem.set_previous_input(&reference.previous_input)?;
     Ok(problem)
 }
@@ -182,12 +60,19 @@ impl<const NX: usize, const NU: usize> Reference<NX, NU> {
             u.push(input);
             x.push(stage.successor(&x[k], &input));
         }
-        Self { x, u, previous_input }
+        Self {
+            x,
+            u,
+            previous_input,
+        }
     }
 }
 
 /// Dynamics near a common pair, spectral radius 0.5 to 1.05 up to the variation: states grow at most by some 20 in 60 stages.
-fn dynamics<const NX: usize, const NU: usize>(draw: &mut Draw, recipe: &Recipe) -> Vec<Stage<NX, NU>> {
+fn dynamics<const NX: usize, const NU: usize>(
+    draw: &mut Draw,
+    recipe: &Recipe,
+) -> Vec<Stage<NX, NU>> {
     let raw: SMatrix<f64, NX, NX> = draw.matrix();
     let a = raw * (draw.uniform(0.5, 1.05) / spectral_radius(&raw).max(1e-3));
     let b: SMatrix<f64, NX, NU> = draw.matrix();
@@ -215,9 +100,14 @@ fn spectral_radius<const NX: usize>(a: &SMatrix<f64, NX, NX>) -> f64 {
 }
 
 /// Joint weight `[Lx Lu]'[Lx Lu]` plus a little on the inputs; Lx may be rank deficient.
-fn weights<const NX: usize, const NU: usize>(draw: &mut Draw, recipe: &Recipe, stage: &mut Stage<NX, NU>) {
+fn weights<const NX: usize, const NU: usize>(
+    draw: &mut Draw,
+    recipe: &Recipe,
+    whole: f64,
+    stage: &mut Stage<NX, NU>,
+) {
     let half_spread = recipe.weight_decades / 4.0;
-    let mut scaling = || draw.power_of_ten(-half_spread, half_spread.max(-half_spread + f64::MIN_POSITIVE));
+    let mut scaling = || draw.power_of_ten(-half_spread, half_spread);
     let of_states = SVector::<f64, NX>::from_fn(|_, _| scaling());
     let of_inputs = SVector::<f64, NU>::from_fn(|_, _| scaling());
     let mut l_x: SMatrix<f64, NX, NX> = draw.matrix();
@@ -227,7 +117,6 @@ fn weights<const NX: usize, const NU: usize>(draw: &mut Draw, recipe: &Recipe, s
     for (mut column, scale) in l_x.column_iter_mut().zip(of_states.iter()) {
         column *= *scale;
     }
-    let whole = draw.power_of_ten(-recipe.weight_decades / 2.0, recipe.weight_decades / 2.0 + f64::MIN_POSITIVE);
     let little = draw.power_of_ten(-2.0, 0.0);
     let squares = of_inputs.component_mul(&of_inputs);
     stage.q = l_x.tr_mul(&l_x) * whole;
@@ -263,7 +152,11 @@ fn constraints<const NX: usize, const NU: usize>(
     stage: &mut Stage<NX, NU>,
 ) {
     let (x, u) = (reference.x[k], reference.u[k]);
-    let before = if k == 0 { reference.previous_input } else { reference.u[k - 1] };
+    let before = if k == 0 {
+        reference.previous_input
+    } else {
+        reference.u[k - 1]
+    };
     if recipe.input_bounds {
         for i in 0..NU {
             (stage.u_min[i], stage.u_max[i]) = interval(draw, u[i], recipe.margin);
@@ -286,8 +179,16 @@ fn constraints<const NX: usize, const NU: usize>(
     }
 }
 
-fn terminal<const NX: usize>(draw: &mut Draw, recipe: &Recipe, end: SVector<f64, NX>) -> Terminal<NX> {
-    let decades = if recipe.weight_decades > 0.0 { 4.0 } else { 0.5 };
+fn terminal<const NX: usize>(
+    draw: &mut Draw,
+    recipe: &Recipe,
+    end: SVector<f64, NX>,
+) -> Terminal<NX> {
+    let decades = if recipe.weight_decades > 0.0 {
+        4.0
+    } else {
+        0.5
+    };
     let eigenvalues = SVector::from_fn(|_, _| draw.power_of_ten(-decades, decades));
     let mut terminal = Terminal::new(draw.with_spectrum(&eigenvalues));
     terminal.p_linear = draw.matrix::<NX, 1>() * 0.1;
@@ -302,16 +203,25 @@ fn terminal<const NX: usize>(draw: &mut Draw, recipe: &Recipe, end: SVector<f64,
         SetKind::Polytope => {
             let faces = (0..2 * NX).map(|_| {
                 let normal: SVector<f64, NX> = draw.matrix();
-                HalfSpace { normal, upper: normal.dot(&end) + recipe.margin * draw.uniform(0.05, 1.0) }
+                HalfSpace {
+                    normal,
+                    upper: normal.dot(&end) + recipe.margin * draw.uniform(0.05, 1.0),
+                }
             });
-            TerminalSet::Polytope { faces: faces.collect() }
+            TerminalSet::Polytope {
+                faces: faces.collect(),
+            }
         }
         SetKind::Ellipsoid => {
             let shape = terminal.p;
             let offset = draw.matrix::<NX, 1>() * (0.3 * recipe.margin);
             let value = offset.dot(&(shape * offset));
             let level = value * draw.uniform(1.0, 4.0) + 1e-4 * recipe.margin * recipe.margin;
-            TerminalSet::Ellipsoid { shape, center: end - offset, level }
+            TerminalSet::Ellipsoid {
+                shape,
+                center: end - offset,
+                level,
+            }
         }
     };
     terminal
@@ -328,7 +238,7 @@ fn contradict<const NX: usize, const NU: usize>(
     let k = draw.integer(0, stages.len() - 1);
     match group {
         // The input must fall by more than its rate allows.
-        ConstraintGroup::InputBounds | ConstraintGroup::RateLimits => {
+        ConstraintGroup::RateLimits | ConstraintGroup::InputBounds => {
             let before = &mut reference.previous_input[0];
             let first = &mut stages[0];
             (first.u_min[0], first.u_max[0]) = (reference.u[0][0] - 1.0, reference.u[0][0] + 1.0);
@@ -339,21 +249,32 @@ fn contradict<const NX: usize, const NU: usize>(
             let row = stages[k].rows[0];
             let upper = -row.upper.clamp(-1e3, 1e3) - 1.0;
             stages[k].rows[0].upper = row.upper.clamp(-1e3, 1e3);
-            stages[k].rows[1] = Row { g_x: -row.g_x, h_u: -row.h_u, upper };
+            stages[k].rows[1] = Row {
+                g_x: -row.g_x,
+                h_u: -row.h_u,
+                upper,
+            };
         }
         // Farther than bounded inputs can reach.
         ConstraintGroup::TerminalSet => {
+            // Sum of |A_{N-1} ... A_{k+1} B_k| for inputs within 1 of the reference.
             let mut reach = 1.0;
-            for (k, stage) in stages.iter_mut().enumerate() {
+            let mut onward = SMatrix::<f64, NX, NX>::identity();
+            for (stage, u) in stages.iter_mut().zip(&reference.u).rev() {
                 for i in 0..NU {
-                    stage.u_min[i] = stage.u_min[i].max(reference.u[k][i] - 1.0);
-                    stage.u_max[i] = stage.u_max[i].min(reference.u[k][i] + 1.0);
+                    stage.u_min[i] = stage.u_min[i].max(u[i] - 1.0);
+                    stage.u_max[i] = stage.u_max[i].min(u[i] + 1.0);
                 }
-                reach = stage.a.norm() * reach + stage.b.norm() * (NU as f64).sqrt();
+                reach += (onward * stage.b).norm() * (NU as f64).sqrt();
+                onward *= stage.a;
             }
             match &mut terminal.set {
                 TerminalSet::Equality { target } => target[0] += 2.0 * reach,
-                TerminalSet::Ellipsoid { shape, center, level } => {
+                TerminalSet::Ellipsoid {
+                    shape,
+                    center,
+                    level,
+                } => {
                     *shape = SMatrix::identity();
                     *level = 1.0;
                     center[0] += 2.0 * reach + 2.0;

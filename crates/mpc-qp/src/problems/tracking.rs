@@ -63,12 +63,21 @@ impl Tracking {
     ///
     /// # Errors
     /// [`ProblemError::EmptyHorizon`], or a start that is not finite.
-    pub fn problem(&self, start: Vector6<f64>, horizon: usize, cone: bool) -> Result<OcpQp<6, 2>, ProblemError> {
+    pub fn problem(
+        &self,
+        start: Vector6<f64>,
+        horizon: usize,
+        cone: bool,
+    ) -> Result<OcpQp<6, 2>, ProblemError> {
         let mut terminal = Terminal::new(self.p);
         if cone {
             let end = self.clipped_feedback(start, horizon);
             let level = (end.dot(&(self.p * end)) * 1.02).max(1e-3);
-            terminal.set = TerminalSet::Ellipsoid { shape: self.p, center: Vector6::zeros(), level };
+            terminal.set = TerminalSet::Ellipsoid {
+                shape: self.p,
+                center: Vector6::zeros(),
+                level,
+            };
         }
         OcpQp::new(start, vec![self.stage.clone(); horizon], terminal)
     }
@@ -90,12 +99,22 @@ impl Tracking {
 
 /// A and B by their power series, which converges at once for a rotation of a tenth of a radian.
 fn discretised() -> (Matrix6<f64>, Matrix6x2<f64>) {
-    let (linear, angular) = ([0.0, 0.0, SPEED_MM_S], [CURVATURE_PER_MM * SPEED_MM_S, 0.0, SPIN_RAD_S]);
-    let cross = |w: [f64; 3]| nalgebra::Matrix3::new(0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0);
+    let (linear, angular) = (
+        [0.0, 0.0, SPEED_MM_S],
+        [CURVATURE_PER_MM * SPEED_MM_S, 0.0, SPIN_RAD_S],
+    );
+    let cross =
+        |w: [f64; 3]| nalgebra::Matrix3::new(0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0);
     let mut adjoint = Matrix6::zeros();
-    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&cross(angular));
-    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&cross(angular));
-    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&cross(linear));
+    adjoint
+        .fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&cross(angular));
+    adjoint
+        .fixed_view_mut::<3, 3>(3, 3)
+        .copy_from(&cross(angular));
+    adjoint
+        .fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&cross(linear));
     let mut directions = Matrix6x2::zeros();
     (directions[(2, 0)], directions[(3, 0)], directions[(5, 1)]) = (1.0, CURVATURE_PER_MM, 1.0);
     let (mut a, mut integral) = (Matrix6::identity(), Matrix6::identity() * STEP_S);

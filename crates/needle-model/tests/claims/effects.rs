@@ -177,6 +177,45 @@ fn real_duty_cycles_converge_to_the_averaged_needle() {
     assert!((round_trip.fraction() - 0.4).abs() < 1e-15);
 }
 
+#[test]
+fn a_lagging_needle_converges_with_order_two() {
+    let torsion = Torsion::FirstOrder(TorsionalLag::new(0.4).unwrap());
+    let plant = PhysicalNeedle {
+        torsion,
+        ..PhysicalNeedle::from(needle())
+    };
+    let end = |steps: u32| {
+        let mut state = plant.at_entry(&Pose::identity());
+        for _ in 0..steps {
+            state = plant
+                .step(&state, turning(3.0), 2.0 / f64::from(steps))
+                .unwrap();
+        }
+        state.frame.position_mm
+    };
+    // The mean rate of a step stands for one that decays within it.
+    let order = ((end(20) - end(40)).norm() / (end(40) - end(80)).norm()).log2();
+    assert!((order - 2.0).abs() < 0.1, "{order}");
+}
+
+#[test]
+fn the_estimators_needle_is_the_plant_with_a_first_order_lag() {
+    let lag = TorsionalLag::new(0.4).unwrap();
+    let plant = PhysicalNeedle {
+        torsion: Torsion::FirstOrder(lag),
+        ..PhysicalNeedle::from(needle())
+    };
+    let mut state = plant.at_entry(&Pose::identity());
+    let mut estimate = lagged(&Pose::identity(), &SVector::zeros(), KAPPA_PER_MM, 0.0);
+    for k in 0..40 {
+        let input = turning((f64::from(k) * 0.2).cos() * 3.0);
+        state = plant.step(&state, input, 0.1).unwrap();
+        estimate = estimate.step(lag, input, 0.1).unwrap();
+    }
+    assert!(estimate.pose.error_from(&state.frame).norm() < 1e-12);
+    assert!((estimate.lag_rad - state.lag_rad).abs() < 1e-14);
+}
+
 fn lagged(at: &Pose, x: &SVector<f64, 8>, kappa: f64, lag: f64) -> LaggedState {
     LaggedState {
         pose: at.perturbed(&x.fixed_rows::<6>(0).into_owned()),

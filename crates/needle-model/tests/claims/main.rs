@@ -8,6 +8,8 @@ mod chart;
 #[cfg(test)]
 mod controllability;
 #[cfg(test)]
+mod curves;
+#[cfg(test)]
 mod effects;
 #[cfg(test)]
 mod finite_difference;
@@ -21,3 +23,5 @@ mod paths;
 mod positions;
 #[cfg(test)]
 mod printed;
+#[cfg(test)]
+mod robustness;

@@ -235,70 +235,14 @@ fn a_path_too_sharp_for_the_needle_says_where_and_gets_a_closest_path() {
         "{e:?}"
     );
     assert!((e.excess_per_mm - (e.curvature_per_mm - KAPPA_PER_MM)).abs() < 1e-15);
-    let guess = problem.initial_guess();
-    let rolled =
-        ReferencePath::from_inputs(needle(), guess.poses()[0], guess.inputs().to_vec(), 0.1)
-            .unwrap();
-    let open_loop_mm = worst_distance(&rolled, guess);
     let (deviation_mm, path) = solved(&problem, 40);
     // Turning 0.133 rad at curvature kappa in place of 2 kappa cuts the corner by
     // (150 - 75) 0.133^2 / 8 = 0.17 mm; the best path shares that between both sides of the curve.
-    assert!(
-        deviation_mm > 0.08 && deviation_mm < 0.25,
-        "{deviation_mm} {open_loop_mm}"
-    );
+    assert!(deviation_mm > 0.08 && deviation_mm < 0.25, "{deviation_mm}");
     assert!(
         path.inputs()
             .iter()
             .all(|u| problem.settings().within_limits(*u) == *u)
-    );
-}
-
-#[test]
-fn the_curve_knows_a_circle() {
-    let radius_mm = 80.0;
-    let at = |angle: f64| Vector3::new(radius_mm * angle.cos(), radius_mm * angle.sin(), 3.0);
-    // Uneven spacing of 1 to 3 mm over a third of a turn.
-    let angles: Vec<f64> = (0..80)
-        .map(|i| 0.025 * f64::from(i) + 0.012 * f64::from(i % 2))
-        .collect();
-    let curve =
-        PositionCurve::through(&angles.iter().map(|&a| at(a)).collect::<Vec<_>>(), 0.0).unwrap();
-    let total = radius_mm * angles[79];
-    assert!((curve.length_mm() - total).abs() < 1e-4);
-    for i in 0..=50 {
-        let s = total * f64::from(i) / 50.0;
-        let point = curve.at(s);
-        let angle = s / radius_mm;
-        // Spacing h of 2 mm: position h^4 / (384 R^3), tangent h^3 / (24 R^3), curvature h^2 / (12 R^3),
-        // each a few times larger at the ends.
-        assert!((point.position_mm - at(angle)).norm() < 1e-5);
-        assert!((point.tangent - Vector3::new(-angle.sin(), angle.cos(), 0.0)).norm() < 1e-5);
-        let centre = (Vector3::new(0.0, 0.0, 3.0) - point.position_mm) / (radius_mm * radius_mm);
-        assert!((point.curvature_per_mm - centre).norm() < 1e-2 / radius_mm);
-    }
-}
-
-#[test]
-fn smoothing_recovers_the_curvature_of_noisy_positions() {
-    // Ripple of 0.05 mm on an arc of the needle: raw second differences of 0.5 mm spacing are useless.
-    let truth = twisting(|_| 0.0, 60);
-    let noisy: Vec<_> = truth
-        .poses()
-        .iter()
-        .enumerate()
-        .map(|(i, p)| p.position_mm + Vector3::new(0.0, 0.05, -0.05) * (i as f64 * 2.4).sin())
-        .collect();
-    let middle_error = |smoothing_mm: f64| {
-        let curve = PositionCurve::through(&noisy, smoothing_mm).unwrap();
-        (curve.at(15.0).curvature_per_mm.norm() - KAPPA_PER_MM).abs() / KAPPA_PER_MM
-    };
-    // Spacing 0.5 mm, 2.4 rad a sample: wavelength 1.3 mm. Smoothing at 3 mm keeps 1e-7 of it.
-    assert!(
-        middle_error(0.0) > 1.0 && middle_error(3.0) < 0.05,
-        "{} {}",
-        middle_error(0.0),
-        middle_error(3.0)
     );
 }
 
