@@ -28,11 +28,11 @@ impl Default for DutyCycledGains {
     fn default() -> Self {
         Self {
             lateral: LateralGains {
-                decay_mm: 4.5,
-                integral_mm: 8.0,
+                decay_mm: 3.0,
+                integral_mm: 6.0,
                 preview_mm: 5.0,
             },
-            turn_gain_per_s: 10.0,
+            turn_gain_per_s: 5.0,
             spin_fraction: 1.0,
         }
     }

@@ -31,9 +31,9 @@ impl Default for SlidingModeGains {
     /// The best of the study in `docs/baselines.md`.
     fn default() -> Self {
         Self {
-            lookahead_mm: 8.0,
+            lookahead_mm: 7.0,
             spin_fraction: 1.0,
-            boundary_rad: 1.0,
+            boundary_rad: 2.0,
         }
     }
 }

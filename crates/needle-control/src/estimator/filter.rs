@@ -6,7 +6,7 @@
 use crate::controller::Measurement;
 use crate::estimator::belief::{Belief, Correction};
 use crate::estimator::observation::{
-    Observation, Verdict, gate, position_innovation, tangent_innovation,
+    Gates, Observation, Verdict, position_innovation, tangent_innovation,
 };
 use crate::estimator::settings::{FilterError, FilterSettings};
 use crate::sample_clock::SampleClock;
@@ -51,6 +51,7 @@ struct Epoch {
 pub struct NeedleFilter {
     settings: FilterSettings,
     torsion: TorsionalLag,
+    gates: Gates,
     clock: SampleClock,
     epochs: VecDeque<Epoch>,
     present: Epoch,
@@ -91,6 +92,7 @@ impl NeedleFilter {
         Ok(Self {
             settings,
             torsion,
+            gates: Gates::at(settings.gate_probability),
             clock: SampleClock::new(settings.dt_s, Some(start_s)),
             epochs,
             present: first,
@@ -243,7 +245,7 @@ impl NeedleFilter {
                     let distance_mm = observed(&tried.state.pose).residual.norm();
                     tried.widen(distance_mm, LOST_ANGLE_RAD);
                 }
-                tried.correct(observed, gate::<3>(settings.gate_probability))
+                tried.correct(observed, self.gates.position)
             }
             Observation::Tangent(tangent) => {
                 let observed =
@@ -252,7 +254,7 @@ impl NeedleFilter {
                     let angle_rad = observed(&tried.state.pose).residual.norm();
                     tried.widen(0.0, angle_rad.max(LOST_ANGLE_RAD));
                 }
-                tried.correct(observed, gate::<2>(settings.gate_probability))
+                tried.correct(observed, self.gates.tangent)
             }
         };
         // A belief widened in vain is not kept.
@@ -260,5 +262,40 @@ impl NeedleFilter {
             *belief = tried;
         }
         correction
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{SVector, Vector3};
+    use needle_model::{LaggedState, Needle};
+
+    #[test]
+    fn the_memory_never_grows() {
+        let state = LaggedState {
+            pose: Pose::identity(),
+            needle: Needle::new(0.01).unwrap(),
+            lag_rad: 0.0,
+        };
+        let belief = Belief::independent(state, &SVector::from([0.1; 8]));
+        let settings = FilterSettings {
+            history: 7,
+            ..FilterSettings::default()
+        };
+        let mut filter = NeedleFilter::new(settings, belief, 0.0).unwrap();
+        let capacity = filter.epochs.capacity();
+        for step in 1..200 {
+            let time_s = 0.1 * f64::from(step);
+            filter.advance(Input::ZERO, time_s);
+            for late_s in [0.0, 0.13, 0.05, 0.3, 2.0] {
+                filter.observe(Observation::Position(Vector3::zeros()), time_s - late_s);
+            }
+            assert!(filter.epochs.len() <= settings.history);
+            let in_order = filter.epochs.iter().is_sorted_by_key(|epoch| epoch.at_s);
+            assert!(in_order, "{step}");
+        }
+        // What does not grow allocates nothing: everything else in a step is of fixed size.
+        assert_eq!(filter.epochs.capacity(), capacity);
     }
 }

@@ -55,7 +55,7 @@ pub struct FilterSettings {
 }
 
 impl Default for FilterSettings {
-    /// Imaging of 0.2 mm and 1 degree at 10 Hz; one good observation in 10,000 refused; 3 s of memory.
+    /// Imaging of 0.2 mm and 1 degree at 10 Hz; one good observation in 10,000 refused; a memory of 2 s for two such sensors.
     fn default() -> Self {
         Self {
             position_std_mm: 0.2,

@@ -60,13 +60,13 @@ fn geometric_laws_reach_the_figures_of_the_study() {
             "sliding",
             run(sliding(), &path, 1.0, &still),
             run(sliding(), &path, 0.8, &perturbed_start()),
-            [0.067, 0.074],
+            [0.036, 0.055],
         ),
         (
             "duty",
             run(duty(), &path, 1.0, &still),
             run(duty(), &path, 0.8, &perturbed_start()),
-            [0.06, 0.11],
+            [0.046, 0.076],
         ),
     ] {
         assert!(nominal.rms_mm < bounds[0], "{law} nominal: {nominal:?}");
@@ -269,33 +269,25 @@ impl SteeringLaw for Boxed {
 #[test]
 fn a_reset_controller_repeats_itself() {
     let path = bent_path(0.5);
+    // A small lasting error: integrals and cycles build up, and nothing saturates.
+    let off = Vector6::new(0.02, 0.02, 0.0, 0.0, 0.0, 0.1);
     for (name, law) in laws(&path) {
         let settings = BaselineSettings::default();
         let mut controller =
             LawController::new(path.clone(), needle(), Boxed(law), settings).unwrap();
-        let mut inputs = || -> Vec<Input> {
-            let tip = perturbed_start();
-            (0..40)
+        let mut runs = Vec::new();
+        for _ in 0..2 {
+            let run: Vec<Input> = (0..47)
                 .map(|k| {
-                    controller
-                        .step(&Measurement::of(tip), f64::from(k) * DT_S)
-                        .input
+                    let tip = path.poses()[k].perturbed(&off);
+                    let time_s = k as f64 * DT_S;
+                    controller.step(&Measurement::of(tip), time_s).input
                 })
-                .collect()
-        };
-        let first = inputs();
-        controller.reset();
-        let again: Vec<Input> = {
-            let tip = perturbed_start();
-            (0..40)
-                .map(|k| {
-                    controller
-                        .step(&Measurement::of(tip), f64::from(k) * DT_S)
-                        .input
-                })
-                .collect()
-        };
-        assert_eq!(first, again, "{name}");
+                .collect();
+            runs.push(run);
+            controller.reset();
+        }
+        assert_eq!(runs[0], runs[1], "{name}");
     }
 }
 

@@ -8,7 +8,7 @@ use needle_control::{
 };
 use needle_model::{LaggedState, Pose};
 
-const SEEDS: u64 = 8;
+const SEEDS: u64 = 24;
 
 fn controller(law: &str) -> Box<dyn Controller> {
     let (path, settings) = (bent_path(0.5), BaselineSettings::default());
