@@ -2,45 +2,40 @@
 
 use nalgebra::{SVector, Vector3};
 use needle_control::{
-    BaselineSettings, Belief, Controller, FilterSettings, LawController, NeedleFilter, Observation,
-    Origin, SlidingMode, SlidingModeGains,
+    Belief, Controller, FilterSettings, NeedleFilter, NmpcConfiguration, NmpcController,
+    Observation, Origin, Survival,
 };
 use needle_model::{
     Input, LaggedState, Needle, PhysicalNeedle, PhysicalState, Pose, ReferencePath,
 };
 use std::error::Error;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-const SAMPLE: Duration = Duration::from_millis(100);
+const SAMPLE_S: f64 = 0.1;
 const DEADLINE: Duration = Duration::from_millis(50);
 
 fn main() -> Result<(), Box<dyn Error>> {
     let needle = Needle::new(1.0 / 150.0)?;
-    let bend = Input {
-        v_mm_s: 5.0,
-        omega_rad_s: 0.05,
+    let path = planned_path()?;
+
+    // A plan that is not ready at the deadline is not applied: the controller falls back to the one before and says so.
+    let mut configuration = NmpcConfiguration::default();
+    configuration.survival = Survival {
+        deadline: Some(DEADLINE),
+        ..Survival::default()
     };
-    let path = ReferencePath::from_inputs(
-        Needle::new(1.0 / 300.0)?,
-        Pose::identity(),
-        vec![bend; 200],
-        0.1,
-    )?;
+    let mut controller = NmpcController::new(needle, path, configuration)?;
 
     // At entry: 0.2 mm, 1 degree, bevel known to 0.1 rad, curvature to 30 %, no wind-up.
-    let state = LaggedState {
-        pose: Pose::identity(),
+    let (pose, lag_rad) = (Pose::identity(), 0.0);
+    let entry = LaggedState {
+        pose,
         needle,
-        lag_rad: 0.0,
+        lag_rad,
     };
     let std = SVector::from([0.2, 0.2, 0.2, 0.02, 0.02, 0.1, 0.002, 0.01]);
-    let mut filter = NeedleFilter::new(
-        FilterSettings::default(),
-        Belief::independent(state, &std),
-        0.0,
-    )?;
-    let law = SlidingMode::new(SlidingModeGains::default())?;
-    let mut controller = LawController::new(path, needle, law, BaselineSettings::default())?;
+    let belief = Belief::independent(entry, &std);
+    let mut filter = NeedleFilter::new(FilterSettings::default(), belief, 0.0)?;
 
     let mut robot = Robot::new(Needle::new(0.8 / 150.0)?);
     let mut held = Input::ZERO;
@@ -50,24 +45,37 @@ fn main() -> Result<(), Box<dyn Error>> {
         for (position_mm, taken_at_s) in robot.images() {
             filter.observe(Observation::Position(position_mm), taken_at_s);
         }
-        let started = Instant::now();
         let step = controller.step(&filter.measurement(), now_s);
-        // The input is inside the limits whatever its origin. A late one is not to be trusted with more insertion.
-        held = if started.elapsed() < DEADLINE {
-            step.input
-        } else {
-            Input::ZERO
-        };
+        held = step.input;
+        let stopped = matches!(step.origin, Origin::Stop { .. });
         robot.apply(held)?;
-        if let Origin::Stop { .. } = step.origin {
+        if stopped && held == Input::ZERO {
             break;
         }
     }
+    // The path is 100 mm long and bent.
     assert!(
-        robot.distance_mm(&Vector3::new(0.0, 0.0, 0.0)) > 90.0,
-        "the needle is in"
+        robot.depth_mm() > 95.0,
+        "stopped at {} mm",
+        robot.depth_mm()
     );
     Ok(())
+}
+
+/// 100 mm at 5 mm/s with half of the needle's curvature.
+fn planned_path() -> Result<ReferencePath, Box<dyn Error>> {
+    let input = Input {
+        v_mm_s: 5.0,
+        omega_rad_s: 0.05,
+    };
+    let bend = Needle::new(1.0 / 300.0)?;
+    let inputs = vec![input; 200];
+    Ok(ReferencePath::from_inputs(
+        bend,
+        Pose::identity(),
+        inputs,
+        SAMPLE_S,
+    )?)
 }
 
 /// A simulated robot whose images show the tip 0.1 s late.
@@ -91,7 +99,7 @@ impl Robot {
     }
 
     fn now_s(&self) -> f64 {
-        f64::from(self.samples) * SAMPLE.as_secs_f64()
+        f64::from(self.samples) * SAMPLE_S
     }
 
     fn images(&mut self) -> Vec<(Vector3<f64>, f64)> {
@@ -100,12 +108,12 @@ impl Robot {
     }
 
     fn apply(&mut self, input: Input) -> Result<(), Box<dyn Error>> {
-        self.state = self.plant.step(&self.state, input, SAMPLE.as_secs_f64())?;
+        self.state = self.plant.step(&self.state, input, SAMPLE_S)?;
         self.samples += 1;
         Ok(())
     }
 
-    fn distance_mm(&self, from: &Vector3<f64>) -> f64 {
-        (self.plant.tip(&self.state).position_mm - from).norm()
+    fn depth_mm(&self) -> f64 {
+        self.state.inserted_mm
     }
 }

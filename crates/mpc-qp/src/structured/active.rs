@@ -8,7 +8,7 @@
 //! or z = rho (exact price).
 
 use super::bounds::Lane;
-use super::channel::Channel;
+use super::channel::{Channel, SIGN};
 use super::kernel::{Lanes, larger};
 use super::soft::Price;
 
@@ -24,7 +24,10 @@ pub(super) struct Verdict {
 impl Verdict {
     /// Both.
     pub(super) fn and(self, other: Self) -> Self {
-        Self { changes: self.changes + other.changes, distance: larger(self.distance, other.distance) }
+        Self {
+            changes: self.changes + other.changes,
+            distance: larger(self.distance, other.distance),
+        }
     }
 }
 
@@ -33,9 +36,6 @@ const OUTSIDE: f64 = 0.0;
 const HELD: f64 = 1.0;
 const BEYOND: f64 = 2.0;
 
-/// Signs of the two sides.
-const SIGN: [f64; 2] = [-1.0, 1.0];
-
 impl Channel {
     /// Guesses from the present values: a violated bound is held.
     pub(super) fn guess_from_values(&mut self) {
@@ -43,7 +43,11 @@ impl Channel {
             if !self.used[side] {
                 continue;
             }
-            let beyond = if self.price == Price::Hard { HELD } else { BEYOND };
+            let beyond = if self.price == Price::Hard {
+                HELD
+            } else {
+                BEYOND
+            };
             for (lane, v) in self.sides[side].iter_mut().zip(&self.v) {
                 for i in 0..4 {
                     let violated = lane.on[i] != 0.0 && SIGN[side] * v[i] > lane.bound[i];
@@ -83,7 +87,11 @@ impl Channel {
                 continue;
             }
             let sign = SIGN[side];
-            let places = self.sides[side].iter_mut().zip(&self.v).zip(&mut self.weight).zip(&mut self.force);
+            let places = self.sides[side]
+                .iter_mut()
+                .zip(&self.v)
+                .zip(&mut self.weight)
+                .zip(&mut self.force);
             if self.price == Price::Hard {
                 for (((lane, v), weight), force) in places {
                     for i in 0..4 {
@@ -117,11 +125,18 @@ impl Channel {
             }
             let (sign, omega) = (SIGN[side], self.omega);
             if self.price == Price::Hard {
-                verdict = verdict.and(settle_hard(lanes, &mut self.sides[side], sign, omega, &self.dv));
+                verdict = verdict.and(settle_hard(
+                    lanes,
+                    &mut self.sides[side],
+                    sign,
+                    omega,
+                    &self.dv,
+                ));
             } else {
                 for (lane, dv) in self.sides[side].iter_mut().zip(&self.dv) {
                     for i in 0..4 {
-                        verdict = verdict.and(settle_soft(lane, i, sign * dv[i], self.price, omega));
+                        verdict =
+                            verdict.and(settle_soft(lane, i, sign * dv[i], self.price, omega));
                     }
                 }
             }
@@ -142,7 +157,13 @@ impl Channel {
 }
 
 #[inline(always)]
-fn settle_hard<L: Lanes>(lanes: L, side: &mut [Lane], sign: f64, omega: f64, dv: &[[f64; 4]]) -> Verdict {
+fn settle_hard<L: Lanes>(
+    lanes: L,
+    side: &mut [Lane],
+    sign: f64,
+    omega: f64,
+    dv: &[[f64; 4]],
+) -> Verdict {
     let mut changes = [0.0; 4];
     let mut distance = [0.0; 4];
     for (lane, dv) in side.iter_mut().zip(dv) {
@@ -161,7 +182,10 @@ fn settle_hard<L: Lanes>(lanes: L, side: &mut [Lane], sign: f64, omega: f64, dv:
     }
     Verdict {
         changes: (changes[0] + changes[1] + changes[2] + changes[3]) as usize,
-        distance: larger(larger(distance[0], distance[1]), larger(distance[2], distance[3])),
+        distance: larger(
+            larger(distance[0], distance[1]),
+            larger(distance[2], distance[3]),
+        ),
     }
 }
 
@@ -182,12 +206,36 @@ fn settle_soft(lane: &mut Lane, i: usize, dv: f64, price: Price, omega: f64) -> 
     let (place, slack) = (lane.place[i], 1e-12 * (1.0 + lane.bound[i].abs()));
     let next = match price {
         _ if lane.on[i] == 0.0 => OUTSIDE,
-        Price::Quadratic(_) => if after > 0.0 { BEYOND } else { OUTSIDE },
-        Price::Exact(rho) if place == HELD => {
-            if z <= 0.0 { OUTSIDE } else if z >= rho { BEYOND } else { HELD }
+        Price::Quadratic(_) => {
+            if after > 0.0 {
+                BEYOND
+            } else {
+                OUTSIDE
+            }
         }
-        _ if place == BEYOND => if after < 0.0 { HELD } else { BEYOND },
-        _ => if after > slack { HELD } else { OUTSIDE },
+        Price::Exact(rho) if place == HELD => {
+            if z <= 0.0 {
+                OUTSIDE
+            } else if z >= rho {
+                BEYOND
+            } else {
+                HELD
+            }
+        }
+        _ if place == BEYOND => {
+            if after < 0.0 {
+                HELD
+            } else {
+                BEYOND
+            }
+        }
+        _ => {
+            if after > slack {
+                HELD
+            } else {
+                OUTSIDE
+            }
+        }
     };
     let distance = if place == HELD { after.abs() } else { 0.0 };
     lane.place[i] = next;
@@ -196,5 +244,8 @@ fn settle_soft(lane: &mut Lane, i: usize, dv: f64, price: Price, omega: f64) -> 
         (Price::Exact(rho), _) => z.clamp(0.0, rho),
         _ => z,
     };
-    Verdict { changes: usize::from(next != place), distance }
+    Verdict {
+        changes: usize::from(next != place),
+        distance,
+    }
 }

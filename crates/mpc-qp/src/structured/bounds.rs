@@ -58,18 +58,30 @@ pub(super) struct Reach {
 
 impl Reach {
     /// No constraint.
-    pub(super) const FREE: Self = Self { ratio: 0.0, product: 0.0 };
+    pub(super) const FREE: Self = Self {
+        ratio: 0.0,
+        product: 0.0,
+    };
 
     /// Both.
     #[inline(always)]
     pub(super) fn and(self, other: Self) -> Self {
-        Self { ratio: larger(self.ratio, other.ratio), product: self.product + other.product }
+        Self {
+            ratio: larger(self.ratio, other.ratio),
+            product: self.product + other.product,
+        }
     }
 }
 
 /// Weights and affine forces of the predictor, added to those of the channel.
 #[inline(always)]
-pub(super) fn weigh<L: Lanes>(lanes: L, side: &mut [Lane], sign: f64, weight: &mut [[f64; 4]], force: &mut [[f64; 4]]) {
+pub(super) fn weigh<L: Lanes>(
+    lanes: L,
+    side: &mut [Lane],
+    sign: f64,
+    weight: &mut [[f64; 4]],
+    force: &mut [[f64; 4]],
+) {
     for ((lane, weight), force) in side.iter_mut().zip(weight).zip(force) {
         for i in 0..4 {
             lane.inv[i] = 1.0 / lane.s[i];
@@ -102,7 +114,13 @@ pub(super) fn predict<L: Lanes>(lanes: L, side: &mut [Lane], sign: f64, dv: &[[f
 
 /// Forces of the corrector: complementarity products aim at `target_mu` less the predictor's second-order term.
 #[inline(always)]
-pub(super) fn correct<L: Lanes>(lanes: L, side: &mut [Lane], sign: f64, target_mu: f64, force: &mut [[f64; 4]]) {
+pub(super) fn correct<L: Lanes>(
+    lanes: L,
+    side: &mut [Lane],
+    sign: f64,
+    target_mu: f64,
+    force: &mut [[f64; 4]],
+) {
     for (lane, force) in side.iter_mut().zip(force) {
         for i in 0..4 {
             let target = lane.on[i] * lanes.fma1(-lane.ds[i], lane.dz[i], target_mu) * lane.inv[i];
@@ -120,7 +138,11 @@ pub(super) fn aim<L: Lanes>(lanes: L, side: &mut [Lane], sign: f64, dv: &[[f64; 
     for (lane, dv) in side.iter_mut().zip(dv) {
         for i in 0..4 {
             let ds = -lane.on[i] * lanes.fma1(sign, dv[i], lane.r[i]);
-            let dz = lanes.fma1(-lane.w[i], ds, lanes.fma1(-lane.on[i], lane.z[i], lane.target[i]));
+            let dz = lanes.fma1(
+                -lane.w[i],
+                ds,
+                lanes.fma1(-lane.on[i], lane.z[i], lane.target[i]),
+            );
             ratio[i] = larger(ratio[i], larger(-ds * lane.inv[i], -dz / lane.z[i]));
             product[i] = lanes.fma1(ds, dz, product[i]);
             lane.ds[i] = ds;

@@ -21,8 +21,6 @@ pub(super) struct Fixed {
 /// Values of one kind over the horizon, with their bounds.
 #[derive(Clone, Debug)]
 pub(super) struct Channel {
-    /// How many values (the arrays are longer, to a multiple of four).
-    pub(super) len: usize,
     /// The values.
     pub(super) v: Vec<[f64; 4]>,
     /// Their step.
@@ -41,28 +39,30 @@ pub(super) struct Channel {
     pub(super) price: Price,
     /// Components with coinciding bounds.
     pub(super) fixed: Vec<Fixed>,
-    kept_v: Vec<[f64; 4]>,
-    kept: [Vec<Lane>; 2],
-    kept_y: Vec<f64>,
+    /// Kept by `save`.
+    pub(super) kept_v: Vec<[f64; 4]>,
+    /// Kept by `save`.
+    pub(super) kept: [Vec<Lane>; 2],
+    /// Kept by `save`.
+    pub(super) kept_y: Vec<f64>,
     /// Weight of the fixed components.
     pub(super) omega: f64,
 }
 
-/// Distance of the two bounds, or the size of the only one.
-fn width(lane: &Lane, opposite: &Lane, i: usize) -> f64 {
-    if opposite.on[i] != 0.0 { lane.bound[i] + opposite.bound[i] } else { 1.0 + lane.bound[i].abs() }
-}
-
-const SIGN: [f64; 2] = [-1.0, 1.0];
+/// Signs of the lower and the upper side.
+pub(super) const SIGN: [f64; 2] = [-1.0, 1.0];
 
 impl Channel {
-    /// Memory for `len` values.
+    /// Memory for `len` values; the arrays are padded to a multiple of four.
     pub(super) fn new(len: usize, price: Price) -> Self {
         let lanes = len.div_ceil(4);
         let zeros = vec![[0.0; 4]; lanes];
-        let slacks = if price == Price::Hard { Vec::new() } else { vec![SlackLane::ONE; lanes] };
+        let slacks = if price == Price::Hard {
+            Vec::new()
+        } else {
+            vec![SlackLane::ONE; lanes]
+        };
         Self {
-            len,
             v: zeros.clone(),
             dv: zeros.clone(),
             weight: zeros.clone(),
@@ -99,8 +99,16 @@ impl Channel {
     /// Enters the bounds of value `index`; infinite ones are absent.
     pub(super) fn bound(&mut self, index: usize, lower: f64, upper: f64) {
         let hard = self.price == Price::Hard;
-        if hard && lower.is_finite() && upper.is_finite() && upper - lower <= 1e-11 * (1.0 + lower.abs()) {
-            self.fixed.push(Fixed { index, target: 0.5 * (lower + upper), y: 0.0 });
+        if hard
+            && lower.is_finite()
+            && upper.is_finite()
+            && upper - lower <= 1e-11 * (1.0 + lower.abs())
+        {
+            self.fixed.push(Fixed {
+                index,
+                target: 0.5 * (lower + upper),
+                y: 0.0,
+            });
             return;
         }
         for (side, bound) in [(0, -lower), (1, upper)] {
@@ -113,10 +121,33 @@ impl Channel {
         }
     }
 
+    /// Zero values, multipliers and slacks.
+    pub(super) fn reset(&mut self) {
+        self.v.fill([0.0; 4]);
+        self.sides
+            .iter_mut()
+            .flatten()
+            .for_each(|lane| lane.z = [0.0; 4]);
+        self.slacks
+            .iter_mut()
+            .flatten()
+            .for_each(|slack| slack.e = [0.0; 4]);
+        self.fixed.iter_mut().for_each(|fixed| fixed.y = 0.0);
+    }
+
     /// Number of complementarity products.
     pub(super) fn count(&self) -> f64 {
-        let each = if let Price::Exact(_) = self.price { 2.0 } else { 1.0 };
-        let lanes = self.sides.iter().zip(self.used).filter(|(_, used)| *used).flat_map(|(side, _)| side);
+        let each = if let Price::Exact(_) = self.price {
+            2.0
+        } else {
+            1.0
+        };
+        let lanes = self
+            .sides
+            .iter()
+            .zip(self.used)
+            .filter(|(_, used)| *used)
+            .flat_map(|(side, _)| side);
         each * lanes.map(|lane| lane.on.iter().sum::<f64>()).sum::<f64>()
     }
 
@@ -161,7 +192,12 @@ impl Channel {
             reach = reach.and(if self.price == Price::Hard {
                 bounds::predict(lanes, &mut self.sides[side], SIGN[side], &self.dv)
             } else {
-                soft::aim((&mut self.sides[side], &mut self.slacks[side]), SIGN[side], self.price, &self.dv)
+                soft::aim(
+                    (&mut self.sides[side], &mut self.slacks[side]),
+                    SIGN[side],
+                    self.price,
+                    &self.dv,
+                )
             });
         }
         reach
@@ -197,7 +233,12 @@ impl Channel {
             reach = reach.and(if self.price == Price::Hard {
                 bounds::aim(lanes, &mut self.sides[side], SIGN[side], &self.dv)
             } else {
-                soft::aim((&mut self.sides[side], &mut self.slacks[side]), SIGN[side], self.price, &self.dv)
+                soft::aim(
+                    (&mut self.sides[side], &mut self.slacks[side]),
+                    SIGN[side],
+                    self.price,
+                    &self.dv,
+                )
             });
         }
         reach
@@ -220,162 +261,13 @@ impl Channel {
         for side in 0..2 {
             if self.used[side] {
                 gap += bounds::advance(lanes, &mut self.sides[side], alpha);
-                gap += soft::advance((&self.sides[side], &mut self.slacks[side]), self.price, alpha);
+                gap += soft::advance(
+                    (&self.sides[side], &mut self.slacks[side]),
+                    self.price,
+                    alpha,
+                );
             }
         }
         gap
-    }
-
-    /// Guesses from an interior-point iterate: held where the multiplier outweighs the slack.
-    pub(super) fn guess_from_iterate(&mut self) {
-        for side in 0..2 {
-            if !self.used[side] {
-                continue;
-            }
-            for (l, lane) in self.sides[side].iter_mut().enumerate() {
-                for i in 0..4 {
-                    // Compare the relative changes that complementarity forces on each: scale-free.
-                    let held = lane.on[i] != 0.0 && lane.ds[i] * lane.z[i] < lane.dz[i] * lane.s[i];
-                    lane.place[i] = match self.price {
-                        _ if !held => 0.0,
-                        Price::Hard => 1.0,
-                        Price::Quadratic(_) => 2.0,
-                        Price::Exact(_) => {
-                            let slack = &self.slacks[side][l];
-                            if slack.e[i] * lane.z[i] > lane.s[i].max(1e-12) * slack.nu[i] { 2.0 } else { 1.0 }
-                        }
-                    };
-                    if !held {
-                        lane.z[i] = 0.0;
-                    }
-                }
-            }
-        }
-    }
-
-    /// Keeps values, multipliers and slacks, to come back to them.
-    pub(super) fn save(&mut self) {
-        self.kept_v.copy_from_slice(&self.v);
-        for side in 0..2 {
-            if self.used[side] {
-                self.kept[side].copy_from_slice(&self.sides[side]);
-            }
-        }
-        self.kept_y.clear();
-        self.kept_y.extend(self.fixed.iter().map(|fixed| fixed.y));
-    }
-
-    /// Comes back to what was kept.
-    pub(super) fn restore(&mut self) {
-        self.v.copy_from_slice(&self.kept_v);
-        for side in 0..2 {
-            if self.used[side] {
-                self.sides[side].copy_from_slice(&self.kept[side]);
-            }
-        }
-        for (fixed, y) in self.fixed.iter_mut().zip(&self.kept_y) {
-            fixed.y = *y;
-        }
-    }
-
-    /// Slacks of soft bounds from the values, after an active-set answer.
-    pub(super) fn finish_soft(&mut self) {
-        for side in 0..2 {
-            for (l, slack) in self.slacks[side].iter_mut().enumerate() {
-                let lane = &self.sides[side][l];
-                for i in 0..4 {
-                    slack.e[i] = (SIGN[side] * self.v[l][i] - lane.bound[i]).max(0.0) * lane.on[i];
-                }
-            }
-        }
-    }
-
-    /// Forces of the present multipliers.
-    pub(super) fn present(&mut self) {
-        self.force.fill([0.0; 4]);
-        for side in 0..2 {
-            if !self.used[side] {
-                continue;
-            }
-            for (force, lane) in self.force.iter_mut().zip(&self.sides[side]) {
-                for i in 0..4 {
-                    force[i] += SIGN[side] * lane.on[i] * lane.z[i];
-                }
-            }
-        }
-        for fixed in &self.fixed {
-            self.force[fixed.index / 4][fixed.index % 4] += fixed.y;
-        }
-    }
-
-    /// Weights `rho / width^2` toward the middle of every pair of bounds, as forces at zero values: for the starting point.
-    pub(super) fn center(&mut self, rho: f64) {
-        self.weight.fill([0.0; 4]);
-        self.force.fill([0.0; 4]);
-        let [lower, upper] = &self.sides;
-        for (l, (low, high)) in lower.iter().zip(upper).enumerate() {
-            for i in 0..4 {
-                if low.on[i] * high.on[i] != 0.0 {
-                    let width = high.bound[i] + low.bound[i];
-                    let weight = rho / (width * width).max(1e-16);
-                    self.weight[l][i] = weight;
-                    self.force[l][i] = -0.5 * weight * (high.bound[i] - low.bound[i]);
-                }
-            }
-        }
-        for fixed in &self.fixed {
-            self.weight[fixed.index / 4][fixed.index % 4] = self.omega;
-            self.force[fixed.index / 4][fixed.index % 4] = -self.omega * fixed.target;
-        }
-    }
-
-    /// Slacks and multipliers at the present values: slack at least `least` times the width, products `mu`.
-    pub(super) fn enter(&mut self, least: f64, mu: f64) {
-        for side in 0..2 {
-            if !self.used[side] {
-                continue;
-            }
-            for l in 0..self.v.len() {
-                for i in 0..4 {
-                    let opposite = self.sides[1 - side][l];
-                    let v = self.v[l][i];
-                    let lane = &mut self.sides[side][l];
-                    if lane.on[i] == 0.0 {
-                        (lane.s[i], lane.z[i], lane.r[i]) = (1.0, 1.0, 0.0);
-                        continue;
-                    }
-                    let slack = lane.bound[i] - SIGN[side] * v;
-                    lane.s[i] = slack.max(least * width(lane, &opposite, i)).max(1e-8);
-                    lane.z[i] = mu / lane.s[i];
-                    lane.r[i] = lane.s[i] - slack;
-                }
-            }
-            if self.price != Price::Hard {
-                soft::enter(&mut self.sides[side], &mut self.slacks[side], self.price);
-            }
-        }
-    }
-
-    /// Sum of multiplier times width over the positive multipliers, and their number: the size of the products to start from.
-    pub(super) fn product_scale(&self) -> (f64, f64) {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for side in 0..2 {
-            if self.used[side] {
-                for (lane, opposite) in self.sides[side].iter().zip(&self.sides[1 - side]) {
-                    for i in 0..4 {
-                        if lane.place[i] > 0.0 && lane.z[i] > 0.0 {
-                            sum += lane.z[i] * width(lane, opposite, i);
-                            count += 1.0;
-                        }
-                    }
-                }
-            }
-        }
-        (sum, count)
-    }
-
-    /// Largest residual of the fixed components.
-    pub(super) fn fixed_residual(&self) -> f64 {
-        self.fixed.iter().map(|f| (self.v[f.index / 4][f.index % 4] - f.target).abs()).fold(0.0, f64::max)
     }
 }

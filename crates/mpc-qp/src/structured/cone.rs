@@ -21,7 +21,10 @@ pub(super) struct Point<const NX: usize> {
 }
 
 impl<const NX: usize> Point<NX> {
-    const ZERO: Self = Self { head: 0.0, tail: [0.0; NX] };
+    const ZERO: Self = Self {
+        head: 0.0,
+        tail: [0.0; NX],
+    };
 
     fn norm(&self) -> f64 {
         self.tail.iter().map(|t| t * t).sum::<f64>().sqrt()
@@ -62,7 +65,11 @@ impl<const NX: usize> Point<NX> {
         let b = self.head * d.head - self.tail_inner(d);
         let c = self.det();
         let discriminant = b * b - a * c;
-        if discriminant < 0.0 { 0.0 } else { ((discriminant.sqrt() - b) / c).max(0.0) }
+        if discriminant < 0.0 {
+            0.0
+        } else {
+            ((discriminant.sqrt() - b) / c).max(0.0)
+        }
     }
 }
 
@@ -107,7 +114,9 @@ impl<const NX: usize> Cone<NX> {
     /// The cone of `shape = L L'`, given L by columns.
     pub(super) fn new(l: &[[f64; NX]; NX], center: [f64; NX], radius: f64, price: Price) -> Self {
         let mut m = *l;
-        m.as_flattened_mut().iter_mut().for_each(|entry| *entry /= radius);
+        m.as_flattened_mut()
+            .iter_mut()
+            .for_each(|entry| *entry /= radius);
         let mut columns = [[0.0; NX]; NX];
         for i in 0..NX {
             for j in 0..NX {
@@ -125,8 +134,14 @@ impl<const NX: usize> Cone<NX> {
             center,
             radius,
             price,
-            s: Point { head: 1.0, tail: [0.0; NX] },
-            z: Point { head: 1.0, tail: [0.0; NX] },
+            s: Point {
+                head: 1.0,
+                tail: [0.0; NX],
+            },
+            z: Point {
+                head: 1.0,
+                tail: [0.0; NX],
+            },
             r: Point::ZERO,
             ds: Point::ZERO,
             dz: Point::ZERO,
@@ -151,7 +166,9 @@ impl<const NX: usize> Cone<NX> {
     pub(super) fn offset(&self, x: &[f64; NX]) -> [f64; NX] {
         let mut offset = [0.0; NX];
         for j in 0..NX {
-            offset[j] = (0..NX).map(|i| self.m[j][i] * (x[i] - self.center[i])).sum();
+            offset[j] = (0..NX)
+                .map(|i| self.m[j][i] * (x[i] - self.center[i]))
+                .sum();
         }
         offset
     }
@@ -164,24 +181,43 @@ impl<const NX: usize> Cone<NX> {
         self.s = Point { head, tail };
         // z = mu s^-1: the product is exactly mu on the central path.
         let scale = mu / self.s.det();
-        self.z = Point { head: scale * head, tail: tail.map(|t| -scale * t) };
+        self.z = Point {
+            head: scale * head,
+            tail: tail.map(|t| -scale * t),
+        };
         self.e = 0.0;
         match self.price {
             Price::Hard => {}
             Price::Quadratic(rho) => self.e = self.z.head / rho,
             Price::Exact(rho) => {
                 let shrink = (0.5 * rho / self.z.head).min(1.0);
-                self.z = Point { head: shrink * self.z.head, tail: self.z.tail.map(|t| shrink * t) };
+                self.z = Point {
+                    head: shrink * self.z.head,
+                    tail: self.z.tail.map(|t| shrink * t),
+                };
                 self.nu = rho - self.z.head;
                 self.e = mu / self.nu;
             }
         }
-        self.r = Point { head: head - 1.0 - self.e, tail: [0.0; NX] };
+        self.r = Point {
+            head: head - 1.0 - self.e,
+            tail: [0.0; NX],
+        };
+    }
+
+    /// Zero multiplier and growth.
+    pub(super) fn reset(&mut self) {
+        self.z = Point::ZERO;
+        self.e = 0.0;
     }
 
     /// Number of complementarity products.
     pub(super) fn count(&self) -> f64 {
-        if let Price::Exact(_) = self.price { 2.0 } else { 1.0 }
+        if let Price::Exact(_) = self.price {
+            2.0
+        } else {
+            1.0
+        }
     }
 
     fn apply(&self, v: &Point<NX>, sign: f64) -> Point<NX> {
@@ -209,12 +245,20 @@ impl<const NX: usize> Cone<NX> {
 
     /// Computes the scaling and adds M'W^-2 M (with e eliminated) to `xx`, the affine force to `gx`.
     #[inline(always)]
-    pub(super) fn weigh<L: Lanes>(&mut self, lanes: L, xx: &mut [[f64; NX]; NX], gx: &mut [f64; NX]) {
+    pub(super) fn weigh<L: Lanes>(
+        &mut self,
+        lanes: L,
+        xx: &mut [[f64; NX]; NX],
+        gx: &mut [f64; NX],
+    ) {
         let (norm_s, norm_z) = (self.s.det().sqrt(), self.z.det().sqrt());
         let s = Point::ZERO.plus(1.0 / norm_s, &self.s);
         let z = Point::ZERO.plus(1.0 / norm_z, &self.z);
         let gamma = (0.5 * (1.0 + s.inner(&z))).sqrt();
-        let mut w = Point { head: 0.5 * (s.head + z.head) / gamma, tail: [0.0; NX] };
+        let mut w = Point {
+            head: 0.5 * (s.head + z.head) / gamma,
+            tail: [0.0; NX],
+        };
         for i in 0..NX {
             w.tail[i] = 0.5 * (s.tail[i] - z.tail[i]) / gamma;
         }
@@ -253,7 +297,10 @@ impl<const NX: usize> Cone<NX> {
     fn multiplier_step(&self, mdx: &[f64; NX]) -> (Point<NX>, Point<NX>, f64) {
         let k = 1.0 / (self.eta * self.eta);
         let w = &self.w;
-        let mut ds = Point { head: self.beta - self.r.head, tail: *mdx };
+        let mut ds = Point {
+            head: self.beta - self.r.head,
+            tail: *mdx,
+        };
         for i in 0..NX {
             ds.tail[i] -= self.r.tail[i];
         }
@@ -280,7 +327,10 @@ impl<const NX: usize> Cone<NX> {
             product: self.ds.head * self.dz.head + dot(lanes, &self.ds.tail, &self.dz.tail),
         };
         if let Price::Exact(_) = self.price {
-            reach.ratio = larger(reach.ratio, larger(-self.de / self.e, self.dz.head / self.nu));
+            reach.ratio = larger(
+                reach.ratio,
+                larger(-self.de / self.e, self.dz.head / self.nu),
+            );
             reach.product -= self.de * self.dz.head;
         }
         reach
@@ -291,12 +341,18 @@ impl<const NX: usize> Cone<NX> {
     pub(super) fn correct<L: Lanes>(&mut self, lanes: L, target_mu: f64, gx: &mut [f64; NX]) {
         let (a, b) = (self.unscale(&self.ds), self.scale(&self.dz));
         let l = self.lambda;
-        let mut d = Point { head: target_mu - l.inner(&l) - a.inner(&b), tail: [0.0; NX] };
+        let mut d = Point {
+            head: target_mu - l.inner(&l) - a.inner(&b),
+            tail: [0.0; NX],
+        };
         for i in 0..NX {
             d.tail[i] = -2.0 * l.head * l.tail[i] - a.head * b.tail[i] - b.head * a.tail[i];
         }
         let head = (l.head * d.head - l.tail_inner(&d)) / l.det();
-        let mut xi = Point { head, tail: [0.0; NX] };
+        let mut xi = Point {
+            head,
+            tail: [0.0; NX],
+        };
         for i in 0..NX {
             xi.tail[i] = (d.tail[i] - head * l.tail[i]) / l.head;
         }
@@ -323,14 +379,16 @@ impl<const NX: usize> Cone<NX> {
         gap
     }
 
-    /// True if slack and multiplier are strictly inside.
-    pub(super) fn inside(&self) -> bool {
-        self.s.depth() > 0.0 && self.z.depth() > 0.0
-    }
-
     /// Active-set sweep: the boundary as f = (|M (x - center)|^2 - 1) / 2 = 0 with multiplier z.head, linearised at x.
     #[inline(always)]
-    pub(super) fn hold<L: Lanes>(&mut self, lanes: L, x: &[f64; NX], omega: f64, xx: Option<&mut [[f64; NX]; NX]>, gx: &mut [f64; NX]) {
+    pub(super) fn hold<L: Lanes>(
+        &mut self,
+        lanes: L,
+        x: &[f64; NX],
+        omega: f64,
+        xx: Option<&mut [[f64; NX]; NX]>,
+        gx: &mut [f64; NX],
+    ) {
         let offset = self.offset(x);
         self.gradient = add_product(lanes, &self.m, &offset, &[0.0; NX]);
         self.excess = 0.5 * (dot(lanes, &offset, &offset) - 1.0);
@@ -343,10 +401,20 @@ impl<const NX: usize> Cone<NX> {
             for j in 0..NX {
                 let column = self.columns[j].map(|entry| eta * entry);
                 xx[j] = add_product(lanes, &self.m, &column, &xx[j]);
-                xx[j] = add_product(lanes, &[self.gradient], &[self.omega * self.gradient[j]], &xx[j]);
+                xx[j] = add_product(
+                    lanes,
+                    &[self.gradient],
+                    &[self.omega * self.gradient[j]],
+                    &xx[j],
+                );
             }
         }
-        *gx = add_product(lanes, &[self.gradient], &[eta + self.omega * self.excess], gx);
+        *gx = add_product(
+            lanes,
+            &[self.gradient],
+            &[eta + self.omega * self.excess],
+            gx,
+        );
     }
 
     /// Guesses from a multiplier's first component, in the problem's units.
@@ -357,7 +425,8 @@ impl<const NX: usize> Cone<NX> {
 
     /// Guesses from an interior-point iterate: held where the slack shrinks faster than the multiplier.
     pub(super) fn guess_from_iterate(&mut self) {
-        self.held = self.s.depth() * self.z.head < self.z.depth().max(self.s.depth()) * self.s.head && self.z.head > self.s.depth();
+        self.held = self.s.depth() * self.z.head < self.z.depth().max(self.s.depth()) * self.s.head
+            && self.z.head > self.s.depth();
         if !self.held {
             self.z.head = 0.0;
         }
@@ -365,13 +434,23 @@ impl<const NX: usize> Cone<NX> {
 
     /// Judges the active-set guess after the step `dx` to `x`; a guess whose linearisation was too coarse is wrong too.
     pub(super) fn settle(&mut self, x: &[f64; NX], dx: &[f64; NX]) -> Verdict {
-        let linear = self.excess + self.gradient.iter().zip(dx).map(|(g, d)| g * d).sum::<f64>();
+        let linear = self.excess
+            + self
+                .gradient
+                .iter()
+                .zip(dx)
+                .map(|(g, d)| g * d)
+                .sum::<f64>();
         let offset = self.offset(x);
         let after = 0.5 * (offset.iter().map(|t| t * t).sum::<f64>() - 1.0);
-        let mut verdict = Verdict { changes: 0, distance: 0.0 };
+        let mut verdict = Verdict {
+            changes: 0,
+            distance: 0.0,
+        };
         if self.held {
             let eta = self.z.head + self.omega * linear;
-            let drift = (eta - self.z.head).abs() * self.gradient.iter().map(|g| g.abs()).fold(0.0, f64::max);
+            let drift = (eta - self.z.head).abs()
+                * self.gradient.iter().map(|g| g.abs()).fold(0.0, f64::max);
             let move_sizes = (after - linear).abs().sqrt();
             self.held = eta > 0.0;
             let rough = (after - linear).abs() > 1e-11 || drift * move_sizes > 1e-9;
@@ -389,12 +468,19 @@ impl<const NX: usize> Cone<NX> {
 
     /// The multiplier in the problem's units: (radius, offset).
     pub(super) fn multiplier(&self) -> (f64, [f64; NX]) {
-        (self.z.head / self.radius, self.z.tail.map(|t| t / self.radius))
+        (
+            self.z.head / self.radius,
+            self.z.tail.map(|t| t / self.radius),
+        )
     }
 
     /// Growth of the radius.
     pub(super) fn growth(&self) -> f64 {
-        if self.price == Price::Hard { 0.0 } else { self.e * self.radius }
+        if self.price == Price::Hard {
+            0.0
+        } else {
+            self.e * self.radius
+        }
     }
 
     /// -M'z, the multiplier's force on x_N.

@@ -2,14 +2,26 @@
 
 use super::StructuredSolver;
 use super::kernel::run;
-use super::newton::{Advance, Backward, Factorise, Forward, SolveAbsolute, Weigh};
-use crate::solution::SolveStatus;
+use super::passes::{Advance, Backward, Factorise, Forward, Weigh};
+use super::solves::{Ray, SolveAbsolute};
+use crate::certificate::examine_certificate;
+use crate::problem::OcpQp;
+use crate::solution::{Solution, SolveStatus};
 
 /// Weight toward the middle of the bounds in the starting solve, in units of the starting products.
 const CENTERING: f64 = 10.0;
 
 /// Least starting slack as a fraction of the bounds' distance.
 const LEAST_SLACK: f64 = 0.1;
+
+/// Fraction of the way to the boundary.
+const STEP_FRACTION: f64 = 0.995;
+
+/// Active-set sweeps tried after an iteration that looks like having identified the set.
+const FINISH_SWEEPS: usize = 2;
+
+/// A ray is a proof if no feasible trajectory can have a 1-norm below the reciprocal of this.
+const RAY_TOLERANCE: f64 = 1e-7;
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     /// Starting point; returns the average complementarity product and the number of products.
@@ -20,11 +32,14 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             sum += products;
             active += count;
         }
-        let omega = self.omega();
-        let scale: f64 = if active > 0.0 { sum / active } else { self.newton.curvature };
-        let mu = 0.1 * if scale.is_finite() { scale.clamp(1e-6, 1e12) } else { 1.0 };
+        let scale: f64 = if active > 0.0 { sum / active } else { 1.0 };
+        let mu = 0.1
+            * if scale.is_finite() {
+                scale.clamp(1e-6, 1e12)
+            } else {
+                1.0
+            };
         for channel in self.newton.channels() {
-            channel.omega = omega;
             channel.center(CENTERING * mu);
         }
         run(SolveAbsolute(&mut self.newton));
@@ -64,10 +79,49 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         false
     }
 
+    /// Whether the iterate's multipliers prove infeasibility. Writes the ray into `solution` if so; keeps the iterate.
+    fn infeasible(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        solution: &mut Solution<NX, NU>,
+    ) -> Option<SolveStatus> {
+        for channel in self.newton.channels() {
+            channel.save();
+        }
+        run(Ray {
+            newton: &mut self.newton,
+            costates: &mut self.costates,
+        });
+        self.newton.write(solution);
+        solution
+            .multipliers
+            .costates
+            .copy_from_slice(&self.costates);
+        solution
+            .multipliers
+            .costates
+            .iter_mut()
+            .for_each(|costate| *costate *= self.newton.cost_unit);
+        let (certificate, blame) = examine_certificate(problem, solution);
+        if certificate.residual <= RAY_TOLERANCE && certificate.sign_violation <= RAY_TOLERANCE {
+            return Some(SolveStatus::PrimalInfeasible { certificate, blame });
+        }
+        for channel in self.newton.channels() {
+            channel.restore();
+        }
+        None
+    }
+
     /// The interior point.
-    pub(super) fn interior_point(&mut self) -> SolveStatus {
+    pub(super) fn interior_point(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        solution: &mut Solution<NX, NU>,
+    ) -> SolveStatus {
         let (mut mu, count) = self.start_interior();
+        // What is left of the starting residuals.
         let mut infeasible = 1.0;
+        let mut short_steps = 0;
         let tolerance = self.settings.tolerance;
         while self.iterations < self.settings.max_iterations {
             if self.out_of_time() {
@@ -76,32 +130,63 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             self.iterations += 1;
             let newton = &mut self.newton;
             run(Weigh(newton));
-            run(Factorise { newton, omega: None });
-            let reach = run(Forward { newton, affine: true });
+            run(Factorise {
+                newton,
+                omega: None,
+            });
+            let reach = run(Forward {
+                newton,
+                affine: true,
+            });
             let alpha = 1.0 / reach.ratio.max(1.0);
             let affine = (1.0 - alpha) * mu + alpha * alpha * reach.product / count.max(1.0);
             let sigma = (affine / mu).clamp(0.0, 1.0).powi(3);
-            run(Backward { newton, target_mu: sigma * mu });
-            let reach = run(Forward { newton, affine: false });
-            let step = (0.995 / reach.ratio.max(1e-300)).min(1.0);
-            if !step.is_finite() {
+            run(Backward {
+                newton,
+                target_mu: sigma * mu,
+            });
+            let reach = run(Forward {
+                newton,
+                affine: false,
+            });
+            let step = (STEP_FRACTION / reach.ratio.max(1e-300)).min(1.0);
+            let before = mu;
+            if step > 1e-12 && reach.product.is_finite() {
+                infeasible *= 1.0 - step;
+                mu = run(Advance {
+                    newton,
+                    alpha: step,
+                }) / count.max(1.0);
+            }
+            let stuck = !(step > 1e-12 && reach.product.is_finite() && mu.is_finite() && mu < 1e40);
+            short_steps = if step < 0.3 { short_steps + 1 } else { 0 };
+            let growing = mu > before && infeasible > 1e-3;
+            if (stuck || short_steps >= 2 || growing)
+                && infeasible > 1e-10
+                && let Some(status) = self.infeasible(problem, solution)
+            {
+                return status;
+            }
+            if stuck {
                 return SolveStatus::NumericalTrouble;
             }
-            infeasible *= 1.0 - step;
-            mu = run(Advance { newton, alpha: step }) / count.max(1.0);
-            if !mu.is_finite() {
-                return SolveStatus::NumericalTrouble;
-            }
-            if std::env::var("TRACE").is_ok() { println!("{:3} mu {mu:.2e} inf {infeasible:.2e} alpha {alpha:.3} sigma {sigma:.1e} step {step:.4} curv {:.1e}", self.iterations, newton.curvature); }
-            if step > 0.5 && sigma < 0.1 && infeasible < 1e-3 && self.finish(2) {
+            let identified = step > 0.5 && sigma < 0.1 && infeasible < 1e-3;
+            if identified && self.finish(FINISH_SWEEPS) {
                 return SolveStatus::Solved;
             }
-            let newton = &mut self.newton;
-            let fixed = newton.channels().iter().map(|channel| channel.fixed_residual()).fold(0.0, f64::max);
-            if mu * count < 0.1 * tolerance && infeasible < 0.1 * tolerance && fixed < 0.1 * tolerance && self.stationary(tolerance) {
+            let channels = self.newton.channels();
+            let fixed = channels
+                .iter()
+                .map(|channel| channel.fixed_residual())
+                .fold(0.0, f64::max);
+            let converged = mu * count < 0.1 * tolerance
+                && infeasible < 0.1 * tolerance
+                && fixed < 0.1 * tolerance;
+            if converged && self.stationary(tolerance) {
                 return SolveStatus::Solved;
             }
         }
-        SolveStatus::IterationLimit
+        self.infeasible(problem, solution)
+            .unwrap_or(SolveStatus::IterationLimit)
     }
 }

@@ -48,7 +48,12 @@ impl Lanes for Portable {
     }
     #[inline(always)]
     fn fma4(self, a: f64, b: [f64; 4], c: [f64; 4]) -> [f64; 4] {
-        [a * b[0] + c[0], a * b[1] + c[1], a * b[2] + c[2], a * b[3] + c[3]]
+        [
+            a * b[0] + c[0],
+            a * b[1] + c[1],
+            a * b[2] + c[2],
+            a * b[3] + c[3],
+        ]
     }
     #[inline(always)]
     fn load2(self, from: [f64; 2]) -> [f64; 2] {

@@ -12,12 +12,38 @@ use crate::softening::Penalty;
 use crate::stage::Stage as StageData;
 use crate::terminal::TerminalSet;
 
-fn price(penalty: Penalty) -> Price {
+fn price(penalty: Penalty, unit: f64) -> Price {
     match penalty {
         Penalty::Hard => Price::Hard,
-        Penalty::Exact { weight } => Price::Exact(weight),
-        Penalty::Quadratic { weight } => Price::Quadratic(weight),
+        Penalty::Exact { weight } => Price::Exact(weight / unit),
+        Penalty::Quadratic { weight } => Price::Quadratic(weight / unit),
     }
+}
+
+/// The largest curvature of the cost in an input: R plus what the next state's weight makes of B.
+fn cost_unit<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> f64 {
+    let mut largest: f64 = 0.0;
+    for (k, stage) in problem.stages().iter().enumerate() {
+        let q = problem
+            .stages()
+            .get(k + 1)
+            .map_or(&problem.terminal().p, |next| &next.q);
+        for i in 0..NU {
+            let through: f64 = (0..NX)
+                .map(|j| stage.b[(j, i)] * stage.b[(j, i)] * q[(j, j)])
+                .sum();
+            largest = largest.max(stage.r[(i, i)] + through);
+        }
+    }
+    if largest > 0.0 && largest.is_finite() {
+        largest
+    } else {
+        1.0
+    }
+}
+
+fn scaled<const M: usize, const C: usize>(blocks: &[[f64; M]; C], factor: f64) -> [[f64; M]; C] {
+    blocks.map(|column| column.map(|entry| factor * entry))
 }
 
 fn face_count<const NX: usize>(set: &TerminalSet<NX>) -> usize {
@@ -46,16 +72,22 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             pv: [0.0; NX],
             x0: [0.0; NX],
             u_last: [0.0; NU],
-            row_data: vec![RowData { gx: [0.0; NX], hu: [0.0; NU] }; row_count],
+            row_data: vec![
+                RowData {
+                    gx: [0.0; NX],
+                    hu: [0.0; NU]
+                };
+                row_count
+            ],
             row_start,
             faces: vec![[0.0; NX]; faces],
             inputs: Channel::new(n * NU, Price::Hard),
             rates: Channel::new(n * NU, Price::Hard),
-            states: Channel::new(n * NX, price(softening.state_bounds)),
-            rows: Channel::new(row_count, price(softening.rows)),
-            terminal: Channel::new(faces, price(softening.terminal_set)),
+            states: Channel::new(n * NX, price(softening.state_bounds, 1.0)),
+            rows: Channel::new(row_count, price(softening.rows, 1.0)),
+            terminal: Channel::new(faces, price(softening.terminal_set, 1.0)),
             cone: None,
-            curvature: 1.0,
+            cost_unit: 1.0,
             gains: vec![Gain::ZERO; n],
             feedforward: vec![[0.0; NU]; n],
             gradient: vec![([0.0; NX], [0.0; NU]); n],
@@ -66,40 +98,71 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     /// Whether `problem` has the structure that the memory was made for.
     pub(super) fn check_shape(&self, problem: &OcpQp<NX, NU>) -> Result<(), SolveError> {
         let mismatch = |field, expected, found| {
-            if expected == found { Ok(()) } else { Err(SolveError::SolverShape { field, expected, found }) }
+            if expected == found {
+                Ok(())
+            } else {
+                Err(SolveError::SolverShape {
+                    field,
+                    expected,
+                    found,
+                })
+            }
         };
         mismatch("horizon", self.n, problem.horizon())?;
         for (k, stage) in problem.stages().iter().enumerate() {
-            mismatch("rows of a stage", self.row_start[k + 1] - self.row_start[k], stage.rows.len())?;
+            mismatch(
+                "rows of a stage",
+                self.row_start[k + 1] - self.row_start[k],
+                stage.rows.len(),
+            )?;
         }
-        mismatch("terminal faces", self.faces.len(), face_count(&problem.terminal().set))?;
+        mismatch(
+            "terminal faces",
+            self.faces.len(),
+            face_count(&problem.terminal().set),
+        )?;
         let softening = problem.softening();
         let soft = |channel: &Channel| usize::from(channel.price != Price::Hard);
-        mismatch("softness of the state bounds", soft(&self.states), usize::from(softening.state_bounds.is_soft()))?;
-        mismatch("softness of the rows", soft(&self.rows), usize::from(softening.rows.is_soft()))?;
-        mismatch("softness of the terminal set", soft(&self.terminal), usize::from(softening.terminal_set.is_soft()))
+        mismatch(
+            "softness of the state bounds",
+            soft(&self.states),
+            usize::from(softening.state_bounds.is_soft()),
+        )?;
+        mismatch(
+            "softness of the rows",
+            soft(&self.rows),
+            usize::from(softening.rows.is_soft()),
+        )?;
+        mismatch(
+            "softness of the terminal set",
+            soft(&self.terminal),
+            usize::from(softening.terminal_set.is_soft()),
+        )
     }
 
     /// Reads every number of `problem`.
     #[inline(always)]
     pub(super) fn load<L: Lanes>(&mut self, _lanes: L, problem: &OcpQp<NX, NU>) {
         let softening = problem.softening();
+        let unit = cost_unit(problem);
+        self.cost_unit = unit;
         self.x0 = (*problem.initial_state()).into();
         self.u_last = (*problem.previous_input()).into();
         self.inputs.clear(Price::Hard);
         self.rates.clear(Price::Hard);
-        self.states.clear(price(softening.state_bounds));
-        self.rows.clear(price(softening.rows));
-        self.terminal.clear(price(softening.terminal_set));
+        self.states.clear(price(softening.state_bounds, unit));
+        self.rows.clear(price(softening.rows, unit));
+        self.terminal.clear(price(softening.terminal_set, unit));
         for (k, stage) in problem.stages().iter().enumerate() {
             self.load_stage(k, stage);
             self.load_bounds(k, stage);
         }
         let terminal = problem.terminal();
-        self.p = terminal.p.data.0;
-        self.pv = terminal.p_linear.into();
+        self.p = scaled(&terminal.p.data.0, 1.0 / unit);
+        self.pv = (terminal.p_linear / unit).into();
         for i in 0..NX {
-            self.states.bound((self.n - 1) * NX + i, terminal.x_min[i], terminal.x_max[i]);
+            self.states
+                .bound((self.n - 1) * NX + i, terminal.x_min[i], terminal.x_max[i]);
         }
         self.load_terminal_set(problem);
     }
@@ -110,11 +173,12 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         to.a = stage.a.data.0;
         to.b = stage.b.data.0;
         to.c = stage.c.into();
-        to.q = stage.q.data.0;
-        to.s = stage.s.data.0;
-        to.r = stage.r.data.0;
-        to.qv = stage.q_linear.into();
-        to.rv = stage.r_linear.into();
+        let factor = 1.0 / self.cost_unit;
+        to.q = scaled(&stage.q.data.0, factor);
+        to.s = scaled(&stage.s.data.0, factor);
+        to.r = scaled(&stage.r.data.0, factor);
+        to.qv = (stage.q_linear * factor).into();
+        to.rv = (stage.r_linear * factor).into();
         for i in 0..NX {
             for j in 0..NX {
                 to.at[i][j] = to.a[j][i];
@@ -128,19 +192,29 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     #[inline(always)]
     fn load_bounds(&mut self, k: usize, stage: &StageData<NX, NU>) {
         for i in 0..NU {
-            self.inputs.bound(k * NU + i, stage.u_min[i], stage.u_max[i]);
-            self.rates.bound(k * NU + i, stage.du_min[i], stage.du_max[i]);
+            self.inputs
+                .bound(k * NU + i, stage.u_min[i], stage.u_max[i]);
+            self.rates
+                .bound(k * NU + i, stage.du_min[i], stage.du_max[i]);
         }
         if k > 0 {
             for i in 0..NX {
-                self.states.bound((k - 1) * NX + i, stage.x_min[i], stage.x_max[i]);
+                self.states
+                    .bound((k - 1) * NX + i, stage.x_min[i], stage.x_max[i]);
             }
         }
         for (i, row) in stage.rows.iter().enumerate() {
             let index = self.row_start[k] + i;
             let gx: [f64; NX] = if k == 0 { [0.0; NX] } else { row.g_x.into() };
-            let known: f64 = if k == 0 { (0..NX).map(|j| row.g_x[j] * self.x0[j]).sum() } else { 0.0 };
-            self.row_data[index] = RowData { gx, hu: row.h_u.into() };
+            let known: f64 = if k == 0 {
+                (0..NX).map(|j| row.g_x[j] * self.x0[j]).sum()
+            } else {
+                0.0
+            };
+            self.row_data[index] = RowData {
+                gx,
+                hu: row.h_u.into(),
+            };
             self.rows.bound(index, f64::NEG_INFINITY, row.upper - known);
         }
     }
@@ -163,8 +237,13 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             }
         }
         self.cone = problem.terminal_cone().map(|cone| {
-            let price = price(problem.softening().terminal_set);
-            Cone::new(&cone.factor.data.0, (*cone.center).into(), cone.radius, price)
+            let price = price(problem.softening().terminal_set, self.cost_unit);
+            Cone::new(
+                &cone.factor.data.0,
+                (*cone.center).into(),
+                cone.radius,
+                price,
+            )
         });
     }
 }

@@ -9,13 +9,16 @@ mod active;
 mod bounds;
 mod channel;
 mod cone;
+mod handover;
 mod interior;
 mod kernel;
 mod load;
 mod newton;
+mod passes;
 mod read;
 mod riccati;
 mod soft;
+mod solves;
 mod sweeps;
 mod write;
 
@@ -25,7 +28,8 @@ use crate::residuals::Residuals;
 use crate::solution::{Solution, SolveStatus};
 use crate::solver::{OcpSolver, SolverSettings, Start};
 use kernel::{Lanes, Phase, run};
-use newton::{Costates, Newton};
+use newton::Newton;
+use solves::Costates;
 use std::time::Instant;
 
 /// Structured interior-point solver.
@@ -71,14 +75,72 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     }
 
     fn out_of_time(&self) -> bool {
-        self.settings.time_limit.is_some_and(|limit| self.started.elapsed() >= limit)
+        self.settings
+            .time_limit
+            .is_some_and(|limit| self.started.elapsed() >= limit)
+    }
+
+    /// Writes the iterate; after a failure only if it is finite, else zeros.
+    fn write(&mut self, status: SolveStatus, solution: &mut Solution<NX, NU>) {
+        if !status.has_solution() {
+            self.stationary(1.0);
+        }
+        self.newton.write(solution);
+        for (to, from) in solution.multipliers.costates.iter_mut().zip(&self.costates) {
+            *to = from * self.newton.cost_unit;
+        }
+        if !status.has_solution() && !all_finite(solution) {
+            self.newton.reset();
+            self.newton.write(solution);
+            solution
+                .multipliers
+                .costates
+                .fill(nalgebra::SVector::zeros());
+        }
     }
 
     /// Computes the costates; true if stationarity holds to `tolerance`.
     fn stationary(&mut self, tolerance: f64) -> bool {
-        let (residual, scale) = run(Costates { newton: &mut self.newton, costates: &mut self.costates });
+        let (residual, scale) = run(Costates {
+            newton: &mut self.newton,
+            costates: &mut self.costates,
+        });
         residual <= tolerance * scale
     }
+}
+
+/// Relative residual below which an answer deserves its status.
+const ACCURATE: f64 = 1e-6;
+
+/// Relative residual below which an answer is of use at all.
+const USABLE: f64 = 1e-5;
+
+/// The status after a look at the recomputed residuals: they may confirm, downgrade or, after a stop, upgrade it.
+fn confirmed(status: SolveStatus, residual: f64) -> SolveStatus {
+    match status {
+        SolveStatus::Solved if residual <= ACCURATE => SolveStatus::Solved,
+        SolveStatus::Solved if residual <= USABLE => SolveStatus::SolvedInaccurate,
+        SolveStatus::Solved => SolveStatus::NumericalTrouble,
+        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if residual <= USABLE => {
+            SolveStatus::SolvedInaccurate
+        }
+        other => other,
+    }
+}
+
+fn all_finite<const NX: usize, const NU: usize>(solution: &Solution<NX, NU>) -> bool {
+    let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+    let multipliers = &solution.multipliers;
+    solution.x.iter().all(|x| finite(x.as_slice()))
+        && solution.u.iter().all(|u| finite(u.as_slice()))
+        && multipliers
+            .costates
+            .iter()
+            .all(|costate| finite(costate.as_slice()))
+        && multipliers
+            .stages
+            .iter()
+            .all(|stage| finite(stage.u_max.as_slice()) && finite(stage.u_min.as_slice()))
 }
 
 impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX, NU> {
@@ -97,13 +159,19 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
             Start::Warm => self.warm_sweeps(solution),
             Start::Cold => false,
         };
-        let status = if settled || self.cold_sweeps() { SolveStatus::Solved } else { self.interior_point() };
-        self.newton.write(solution);
-        solution.multipliers.costates.copy_from_slice(&self.costates);
+        let status = if settled || self.cold_sweeps() {
+            SolveStatus::Solved
+        } else {
+            self.interior_point(problem, solution)
+        };
+        if !matches!(status, SolveStatus::PrimalInfeasible { .. }) {
+            self.write(status, solution);
+        }
         solution.status = status;
         solution.iterations = self.iterations;
         solution.time = self.started.elapsed();
         solution.residuals = Residuals::evaluate(problem, solution);
+        solution.status = confirmed(solution.status, solution.residuals.worst());
         solution.objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
         Ok(())
     }

@@ -7,7 +7,12 @@ use crate::multipliers::TerminalSetMultipliers;
 use crate::solution::Solution;
 use nalgebra::SVector;
 
-fn read_pairs<const M: usize>(channel: &mut Channel, k: usize, lower: &SVector<f64, M>, upper: &SVector<f64, M>) {
+fn read_pairs<const M: usize>(
+    channel: &mut Channel,
+    k: usize,
+    lower: &SVector<f64, M>,
+    upper: &SVector<f64, M>,
+) {
     for i in 0..M {
         let index = k * M + i;
         channel.sides[0][index / 4].z[index % 4] = lower[i];
@@ -34,13 +39,19 @@ impl<const NX: usize, const NU: usize> Phase for Read<'_, NX, NU> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         let Self { newton, solution } = self;
+        let unit = newton.cost_unit;
         let mut x = newton.x0;
         let mut last = newton.u_last;
         let (states, rows) = (newton.states.any(), newton.rows.any());
         for k in 0..newton.n {
             let u: [f64; NU] = solution.u[k].into();
             let stage = &newton.stages[k];
-            x = add_product(lanes, &stage.b, &u, &add_product(lanes, &stage.a, &x, &stage.c));
+            x = add_product(
+                lanes,
+                &stage.b,
+                &u,
+                &add_product(lanes, &stage.a, &x, &stage.c),
+            );
             *newton.u_mut(k) = u;
             *newton.x_mut(k + 1) = x;
             for i in 0..NU {
@@ -69,6 +80,7 @@ impl<const NX: usize, const NU: usize> Phase for Read<'_, NX, NU> {
         newton.read_equalities(solution);
         newton.read_terminal_set(&from.set);
         for channel in newton.channels() {
+            channel.scale_multipliers(1.0 / unit);
             channel.guess_from_multipliers();
         }
     }
@@ -77,8 +89,12 @@ impl<const NX: usize, const NU: usize> Phase for Read<'_, NX, NU> {
 impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     fn read_equalities(&mut self, solution: &Solution<NX, NU>) {
         let (stages, terminal) = (&solution.multipliers.stages, &solution.multipliers.terminal);
-        read_fixed::<NU>(&mut self.inputs, |k, i| stages[k].u_max[i] - stages[k].u_min[i]);
-        read_fixed::<NU>(&mut self.rates, |k, i| stages[k].du_max[i] - stages[k].du_min[i]);
+        read_fixed::<NU>(&mut self.inputs, |k, i| {
+            stages[k].u_max[i] - stages[k].u_min[i]
+        });
+        read_fixed::<NU>(&mut self.rates, |k, i| {
+            stages[k].du_max[i] - stages[k].du_min[i]
+        });
         read_fixed::<NX>(&mut self.states, |k, i| match stages.get(k + 1) {
             Some(stage) => stage.x_max[i] - stage.x_min[i],
             None => terminal.x_max[i] - terminal.x_min[i],
@@ -86,6 +102,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     }
 
     fn read_terminal_set(&mut self, set: &TerminalSetMultipliers<NX>) {
+        let unit = self.cost_unit;
         match set {
             TerminalSetMultipliers::None => {}
             TerminalSetMultipliers::Equality(multiplier) => {
@@ -103,7 +120,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             }
             TerminalSetMultipliers::Ellipsoid { radius, .. } => {
                 if let Some(cone) = &mut self.cone {
-                    cone.guess(*radius);
+                    cone.guess(*radius / unit);
                 }
             }
         }

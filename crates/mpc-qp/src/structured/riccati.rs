@@ -108,7 +108,11 @@ pub(super) fn inverse<L: Lanes, const NU: usize>(lanes: L, m: &[[f64; NU]; NU]) 
     let mut reciprocal = [0.0; NU];
     for j in 0..NU {
         t[j][j] = 1.0;
-        reciprocal[j] = if work[j][j] > 1e-14 * m[j][j] { 1.0 / work[j][j] } else { 0.0 };
+        reciprocal[j] = if work[j][j] > 1e-14 * m[j][j] {
+            1.0 / work[j][j]
+        } else {
+            0.0
+        };
         for i in j + 1..NU {
             let factor = work[j][i] * reciprocal[j];
             for k in i..NU {
@@ -144,6 +148,11 @@ fn symmetric_column<const N: usize>(m: &[[f64; N]; N], j: usize) -> [f64; N] {
 }
 
 /// Eliminates u_k: from the value at k+1 to the value at k, leaving the gain behind.
+///
+/// The value's block in x is summed in closed-loop form (Joseph's): with F = A - B K and the next value's blocks P, Pxp, Ppp,
+/// Q + F'(P F - Pxp K) - S K - K'(S' + Ppx F - Ppp K - (R + W) K).
+/// An active state bound makes P huge in a direction that F all but cancels; the textbook A'PA - K'HK would subtract two numbers of
+/// the size of P there, this form multiplies P by the square of what is left.
 #[inline(always)]
 pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
     lanes: L,
@@ -158,7 +167,9 @@ pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
         let column = add_product(lanes, &value.xx, &stage.b[j], &value.xp[j]);
         hxu[j] = add_product(lanes, &stage.at, &column, &cost.s[j]);
         for i in 0..=j {
-            m[j][i] += dot(lanes, &stage.b[i], &column) + dot(lanes, &value.xp[i], &stage.b[j]) + value.pp[j][i];
+            m[j][i] += dot(lanes, &stage.b[i], &column)
+                + dot(lanes, &value.xp[i], &stage.b[j])
+                + value.pp[j][i];
         }
         m[j][j] += cost.u_weight[j];
     }
@@ -166,11 +177,6 @@ pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
         for i in 0..j {
             m[i][j] = m[j][i];
         }
-    }
-    let mut hxx = [[0.0; NX]; NX];
-    for j in 0..NX {
-        let column = add_product(lanes, &value.xx, &stage.a[j], &[0.0; NX]);
-        hxx[j] = add_product(lanes, &stage.at, &column, &cost.q[j]);
     }
     let mut total = m;
     for j in 0..NU {
@@ -181,13 +187,7 @@ pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
     for i in 0..NU {
         kx[i] = add_product(lanes, &hxu, &inv[i], &[0.0; NX]);
     }
-    for j in 0..NX {
-        let mut row = [0.0; NU];
-        for i in 0..NU {
-            row[i] = kx[i][j];
-        }
-        value.xx[j] = sub_product(lanes, &hxu, &row, &symmetric_column(&hxx, j));
-    }
+    value.xx = closed_loop(lanes, stage, cost, value, &kx);
     for j in 0..NU {
         for i in 0..NX {
             value.xp[j][i] = kx[j][i] * cost.rate_weight[j];
@@ -199,12 +199,66 @@ pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
     }
     for j in 0..NU {
         for i in 0..NU {
-            value.pp[j][i] = 0.5 * (mi[j][i] * cost.rate_weight[j] + mi[i][j] * cost.rate_weight[i]);
+            value.pp[j][i] =
+                0.5 * (mi[j][i] * cost.rate_weight[j] + mi[i][j] * cost.rate_weight[i]);
         }
     }
     gain.kx = kx;
     gain.inverse = inv;
     gain.rate = cost.rate_weight;
+}
+
+/// The value's block in x under the feedback -kx.
+#[inline(always)]
+fn closed_loop<L: Lanes, const NX: usize, const NU: usize>(
+    lanes: L,
+    stage: &Stage<NX, NU>,
+    cost: &Curvature<'_, NX, NU>,
+    value: &Value<NX, NU>,
+    kx: &[[f64; NX]; NU],
+) -> [[f64; NX]; NX] {
+    // Rows of F, and of the factor of -K'.
+    let mut rows = [[0.0; NX]; NX];
+    for i in 0..NX {
+        rows[i] = sub_product(lanes, kx, &stage.bt[i], &stage.at[i]);
+    }
+    let mut rest = [[0.0; NX]; NU];
+    for i in 0..NU {
+        let mut weights = [0.0; NU];
+        for l in 0..NU {
+            weights[l] = value.pp[i][l] + cost.r[i][l];
+        }
+        weights[i] += cost.u_weight[i] + cost.rate_weight[i];
+        rest[i] = add_product(
+            lanes,
+            &rows,
+            &value.xp[i],
+            &sub_product(lanes, kx, &weights, &cost.s[i]),
+        );
+    }
+    let mut xx = [[0.0; NX]; NX];
+    for j in 0..NX {
+        let (mut f, mut k, mut g) = ([0.0; NX], [0.0; NU], [0.0; NU]);
+        for l in 0..NX {
+            f[l] = rows[l][j];
+        }
+        for l in 0..NU {
+            (k[l], g[l]) = (kx[l][j], rest[l][j]);
+        }
+        let column = sub_product(
+            lanes,
+            &value.xp,
+            &k,
+            &add_product(lanes, &value.xx, &f, &[0.0; NX]),
+        );
+        let open = sub_product(lanes, cost.s, &k, &sub_product(lanes, kx, &g, &cost.q[j]));
+        xx[j] = add_product(lanes, &rows, &column, &open);
+    }
+    let mut symmetric = xx;
+    for j in 0..NX {
+        symmetric[j] = symmetric_column(&xx, j);
+    }
+    symmetric
 }
 
 /// Backward step of a solve: costate and rate costate from k+1 to k; returns the feedforward input.

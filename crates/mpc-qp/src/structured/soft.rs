@@ -33,7 +33,13 @@ pub(super) struct SlackLane {
 
 impl SlackLane {
     /// Unit slacks.
-    pub(super) const ONE: Self = Self { e: [1.0; 4], nu: [1.0; 4], de: [0.0; 4], kappa: [0.0; 4], shift: [0.0; 4] };
+    pub(super) const ONE: Self = Self {
+        e: [1.0; 4],
+        nu: [1.0; 4],
+        de: [0.0; 4],
+        kappa: [0.0; 4],
+        shift: [0.0; 4],
+    };
 }
 
 /// Puts the multipliers of an exact penalty inside (0, rho) and refreshes the residuals.
@@ -83,7 +89,12 @@ pub(super) fn weigh(
 }
 
 /// The direction for the present targets, and how far it may go.
-pub(super) fn aim((side, slacks): (&mut [Lane], &mut [SlackLane]), sign: f64, price: Price, dv: &[[f64; 4]]) -> Reach {
+pub(super) fn aim(
+    (side, slacks): (&mut [Lane], &mut [SlackLane]),
+    sign: f64,
+    price: Price,
+    dv: &[[f64; 4]],
+) -> Reach {
     let mut reach = Reach::FREE;
     for ((lane, slack), dv) in side.iter_mut().zip(slacks).zip(dv) {
         for i in 0..4 {
@@ -128,7 +139,11 @@ pub(super) fn correct(
 }
 
 /// Moves the slacks (the lanes are moved by `bounds::advance`); returns the sum of e nu.
-pub(super) fn advance((side, slacks): (&[Lane], &mut [SlackLane]), price: Price, alpha: f64) -> f64 {
+pub(super) fn advance(
+    (side, slacks): (&[Lane], &mut [SlackLane]),
+    price: Price,
+    alpha: f64,
+) -> f64 {
     let Price::Exact(_) = price else { return 0.0 };
     let mut gap = 0.0;
     for (lane, slack) in side.iter().zip(slacks) {

@@ -2,14 +2,15 @@
 
 use super::StructuredSolver;
 use super::kernel::run;
-use super::newton::{Factorise, HoldActive, Resolve, Settle, SolveAbsolute};
+use super::passes::Factorise;
 use super::read::Read;
 use super::soft::Price;
+use super::solves::{HoldActive, Resolve, Settle, SolveAbsolute};
 use crate::solution::Solution;
 
-/// Weight that holds a bound, relative to the cost's curvature: large enough that each further solve gains six digits,
+/// Weight that holds a bound (the cost's curvature in the inputs is about one): large enough that each further solve gains six digits,
 /// small enough that the first loses none that matter.
-const OMEGA: f64 = 1e6;
+const OMEGA: f64 = 1e7;
 
 /// Sweeps of the warm path before the cold attempt.
 const WARM_SWEEPS: usize = 5;
@@ -20,12 +21,10 @@ const COLD_SWEEPS: usize = 6;
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     /// Whether active-set sweeps can treat the problem: all but a soft ellipsoid.
     pub(super) fn sweepable(&self) -> bool {
-        self.newton.cone.as_ref().is_none_or(|cone| cone.price == Price::Hard)
-    }
-
-    /// Weight of the held bounds.
-    pub(super) fn omega(&self) -> f64 {
-        OMEGA * self.newton.curvature
+        self.newton
+            .cone
+            .as_ref()
+            .is_none_or(|cone| cone.price == Price::Hard)
     }
 
     /// Sweeps from the guess of a previous answer's multipliers and its inputs.
@@ -33,26 +32,30 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         if !self.sweepable() {
             return false;
         }
-        run(Read { newton: &mut self.newton, solution });
+        run(Read {
+            newton: &mut self.newton,
+            solution,
+        });
         self.sweep(WARM_SWEEPS)
     }
 
     /// Sweeps from the bounds that the solution without bounds violates.
     pub(super) fn cold_sweeps(&mut self) -> bool {
-        let omega = self.omega();
         for channel in self.newton.channels() {
-            channel.omega = omega;
+            channel.omega = OMEGA;
+        }
+        for channel in self.newton.channels() {
             channel.center(0.0);
         }
         run(SolveAbsolute(&mut self.newton));
-        self.newton.measure_curvature();
         for channel in self.newton.channels() {
             channel.guess_from_values();
         }
         if let Some(cone) = &mut self.newton.cone {
             cone.held = false;
         }
-        let bounded = self.newton.channels().iter().any(|channel| channel.any()) || self.newton.cone.is_some();
+        let bounded = self.newton.channels().iter().any(|channel| channel.any())
+            || self.newton.cone.is_some();
         if !bounded {
             self.iterations += 1;
             return self.stationary(self.settings.tolerance);
@@ -62,19 +65,21 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
 
     /// Sweeps until the guess is right; true if the optimality conditions hold then.
     pub(super) fn sweep(&mut self, limit: usize) -> bool {
-        let omega = self.omega();
         let tolerance = self.settings.tolerance;
         let mut fewest = usize::MAX;
         for channel in self.newton.channels() {
-            channel.omega = omega;
+            channel.omega = OMEGA;
         }
         for sweep in 0..limit {
             self.iterations += 1;
             let newton = &mut self.newton;
             run(HoldActive(newton));
-            run(Factorise { newton, omega: Some(omega) });
+            run(Factorise {
+                newton,
+                omega: Some(OMEGA),
+            });
             let mut verdict = run(Settle(newton));
-            for _ in 0..3 {
+            for _ in 0..6 {
                 if verdict.changes > 0 || verdict.distance <= 0.01 * tolerance {
                     break;
                 }

@@ -3,7 +3,7 @@
 use super::channel::Channel;
 use super::newton::Newton;
 use super::soft::Price;
-use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
+use crate::multipliers::{Multipliers, TerminalSetMultipliers, TerminalSetSlacks};
 use crate::solution::Solution;
 use nalgebra::SVector;
 
@@ -44,7 +44,46 @@ fn write_pairs<const M: usize>(
 
 fn write_fixed<const M: usize>(channel: &Channel, mut write: impl FnMut(usize, usize, f64, f64)) {
     for fixed in &channel.fixed {
-        write(fixed.index / M, fixed.index % M, (-fixed.y).max(0.0), fixed.y.max(0.0));
+        write(
+            fixed.index / M,
+            fixed.index % M,
+            (-fixed.y).max(0.0),
+            fixed.y.max(0.0),
+        );
+    }
+}
+
+/// Multiplies every multiplier but the costates.
+fn scale_multipliers<const NX: usize, const NU: usize>(
+    multipliers: &mut Multipliers<NX, NU>,
+    factor: f64,
+) {
+    for stage in &mut multipliers.stages {
+        for group in [
+            &mut stage.u_min,
+            &mut stage.u_max,
+            &mut stage.du_min,
+            &mut stage.du_max,
+        ] {
+            *group *= factor;
+        }
+        stage.x_min *= factor;
+        stage.x_max *= factor;
+        stage.rows.iter_mut().for_each(|z| *z *= factor);
+    }
+    let terminal = &mut multipliers.terminal;
+    terminal.x_min *= factor;
+    terminal.x_max *= factor;
+    match &mut terminal.set {
+        TerminalSetMultipliers::None => {}
+        TerminalSetMultipliers::Equality(multiplier) => *multiplier *= factor,
+        TerminalSetMultipliers::Polytope(multipliers) => {
+            multipliers.iter_mut().for_each(|z| *z *= factor)
+        }
+        TerminalSetMultipliers::Ellipsoid { radius, offset } => {
+            *radius *= factor;
+            *offset *= factor;
+        }
     }
 }
 
@@ -64,25 +103,42 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                 solution.slacks.stages[k].rows[i] = slacks(&self.rows, index).1;
             }
             if k > 0 && self.states.any() {
-                write_pairs(&self.states, k - 1, multipliers, &mut to.x_min, &mut to.x_max);
+                write_pairs(
+                    &self.states,
+                    k - 1,
+                    multipliers,
+                    &mut to.x_min,
+                    &mut to.x_max,
+                );
                 let to = &mut solution.slacks.stages[k];
                 write_pairs(&self.states, k - 1, slacks, &mut to.x_min, &mut to.x_max);
             }
         }
         if self.states.any() {
             let to = &mut solution.multipliers.terminal;
-            write_pairs(&self.states, n - 1, multipliers, &mut to.x_min, &mut to.x_max);
+            write_pairs(
+                &self.states,
+                n - 1,
+                multipliers,
+                &mut to.x_min,
+                &mut to.x_max,
+            );
             let to = &mut solution.slacks.terminal;
             write_pairs(&self.states, n - 1, slacks, &mut to.x_min, &mut to.x_max);
         }
         self.write_fixed_multipliers(solution);
         self.write_terminal_set(solution);
+        scale_multipliers(&mut solution.multipliers, self.cost_unit);
     }
 
     fn write_fixed_multipliers(&self, solution: &mut Solution<NX, NU>) {
         let stages = &mut solution.multipliers.stages;
-        write_fixed::<NU>(&self.inputs, |k, i, low, high| (stages[k].u_min[i], stages[k].u_max[i]) = (low, high));
-        write_fixed::<NU>(&self.rates, |k, i, low, high| (stages[k].du_min[i], stages[k].du_max[i]) = (low, high));
+        write_fixed::<NU>(&self.inputs, |k, i, low, high| {
+            (stages[k].u_min[i], stages[k].u_max[i]) = (low, high)
+        });
+        write_fixed::<NU>(&self.rates, |k, i, low, high| {
+            (stages[k].du_min[i], stages[k].du_max[i]) = (low, high)
+        });
         let terminal = &mut solution.multipliers.terminal;
         write_fixed::<NX>(&self.states, |k, i, low, high| {
             if let Some(stage) = stages.get_mut(k + 1) {
@@ -102,8 +158,9 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                     let (low, high) = multipliers(&self.terminal, i);
                     to[i] = high - low;
                     if let TerminalSetSlacks::Equality(violation) = slack {
-                        let (low, high) = slacks(&self.terminal, i);
-                        violation[i] = high - low;
+                        let lane = &self.terminal.sides[1][i / 4];
+                        violation[i] =
+                            lane.on[i % 4] * (self.terminal.v[i / 4][i % 4] - lane.bound[i % 4]);
                     }
                 }
                 for fixed in &self.terminal.fixed {

@@ -1,0 +1,135 @@
+//! The passes of an interior-point iteration: weights, factorisation, corrector, direction, step.
+
+use super::bounds::Reach;
+use super::kernel::{Lanes, Phase, add_product};
+use super::newton::{Newton, at};
+
+/// Factorises the system and does the backward pass for the channels' present forces.
+pub(super) struct Factorise<'a, const NX: usize, const NU: usize> {
+    /// The system.
+    pub(super) newton: &'a mut Newton<NX, NU>,
+    /// Weight of the held cone in an active-set sweep; none for the interior point's scaling.
+    pub(super) omega: Option<f64>,
+}
+
+impl<const NX: usize, const NU: usize> Phase for Factorise<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let newton = self.newton;
+        let mut costate = ([0.0; NX], [0.0; NU]);
+        let x = *newton.x(newton.n);
+        newton.terminal_gradient = add_product(lanes, &newton.p, &x, &newton.pv);
+        let mut value = newton.terminal_value(lanes, &mut costate.0);
+        if let Some(cone) = &mut newton.cone {
+            match self.omega {
+                None => cone.weigh(lanes, &mut value.xx, &mut costate.0),
+                Some(omega) => cone.hold(lanes, &x, omega, Some(&mut value.xx), &mut costate.0),
+            }
+        }
+        for k in (0..newton.n).rev() {
+            let (gx, gu) = newton.cost_gradient(lanes, k);
+            newton.gradient[k] = (gx, gu);
+            newton.eliminate_stage(lanes, k, &mut value);
+            newton.backward_stage(lanes, k, gx, gu, &mut costate);
+        }
+    }
+}
+
+/// Backward pass for new forces with the factorisation at hand.
+pub(super) struct Backward<'a, const NX: usize, const NU: usize> {
+    /// The system.
+    pub(super) newton: &'a mut Newton<NX, NU>,
+    /// Complementarity product that the corrector aims at.
+    pub(super) target_mu: f64,
+}
+
+impl<const NX: usize, const NU: usize> Phase for Backward<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let newton = self.newton;
+        for channel in newton.channels() {
+            if channel.any() {
+                channel.correct(lanes, self.target_mu);
+            }
+        }
+        let mut costate = (newton.terminal_force(lanes), [0.0; NU]);
+        if let Some(cone) = &mut newton.cone {
+            cone.correct(lanes, self.target_mu, &mut costate.0);
+        }
+        for k in (0..newton.n).rev() {
+            let (gx, gu) = newton.gradient[k];
+            newton.backward_stage(lanes, k, gx, gu, &mut costate);
+        }
+    }
+}
+
+/// Forward pass: the step of every value, then of slacks and multipliers.
+pub(super) struct Forward<'a, const NX: usize, const NU: usize> {
+    /// The system.
+    pub(super) newton: &'a mut Newton<NX, NU>,
+    /// Whether this is the predictor.
+    pub(super) affine: bool,
+}
+
+impl<const NX: usize, const NU: usize> Phase for Forward<'_, NX, NU> {
+    type Output = Reach;
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Reach {
+        let newton = self.newton;
+        newton.roll(lanes);
+        let mut reach = Reach::FREE;
+        for channel in newton.channels() {
+            if channel.any() {
+                reach = reach.and(if self.affine {
+                    channel.predict(lanes)
+                } else {
+                    channel.aim(lanes)
+                });
+            }
+        }
+        if let Some(cone) = &mut newton.cone {
+            reach = reach.and(cone.direction(lanes, at(&newton.states.dv, newton.n - 1)));
+        }
+        reach
+    }
+}
+
+/// Weights and predictor forces of all channels.
+pub(super) struct Weigh<'a, const NX: usize, const NU: usize>(pub(super) &'a mut Newton<NX, NU>);
+
+impl<const NX: usize, const NU: usize> Phase for Weigh<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        for channel in self.0.channels() {
+            if channel.any() {
+                channel.weigh(lanes);
+            }
+        }
+    }
+}
+
+/// Moves along the direction; returns the sum of the complementarity products.
+pub(super) struct Advance<'a, const NX: usize, const NU: usize> {
+    /// The system.
+    pub(super) newton: &'a mut Newton<NX, NU>,
+    /// Step length.
+    pub(super) alpha: f64,
+}
+
+impl<const NX: usize, const NU: usize> Phase for Advance<'_, NX, NU> {
+    type Output = f64;
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> f64 {
+        let mut gap = 0.0;
+        for channel in self.newton.channels() {
+            gap += channel.advance(lanes, self.alpha);
+        }
+        if let Some(cone) = &mut self.newton.cone {
+            gap += cone.advance(self.alpha);
+        }
+        gap
+    }
+}

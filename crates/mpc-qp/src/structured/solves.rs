@@ -1,0 +1,224 @@
+//! The passes around the iterations: starting solve, active-set sweeps, costates, Farkas ray.
+
+use super::active::Verdict;
+use super::kernel::{Lanes, Phase, add_product, dot, larger};
+use super::newton::{Newton, at, at_mut};
+use super::riccati::{backward, forward};
+
+/// Turns the multipliers into a Farkas ray: costates by the plain adjoint recursion, what is left in an input absorbed by the
+/// multiplier of its bound where that bound is finite, so that the ray is exact whenever the inputs are bounded.
+pub(super) struct Ray<'a, const NX: usize, const NU: usize> {
+    /// The system.
+    pub(super) newton: &'a mut Newton<NX, NU>,
+    /// Costates of the N dynamics.
+    pub(super) costates: &'a mut [nalgebra::SVector<f64, NX>],
+}
+
+impl<const NX: usize, const NU: usize> Phase for Ray<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let newton = self.newton;
+        for channel in newton.channels() {
+            if channel.any() {
+                channel.present();
+            }
+        }
+        newton.terminal_gradient = [0.0; NX];
+        let mut costate = newton.terminal_force(lanes);
+        if let Some(cone) = &newton.cone {
+            for (sum, force) in costate.iter_mut().zip(cone.force()) {
+                *sum += force;
+            }
+        }
+        for k in (0..newton.n).rev() {
+            self.costates[k] = costate.into();
+            let (mut gx, mut gu) = ([0.0; NX], [0.0; NU]);
+            newton.forces(lanes, k, &mut gx, &mut gu);
+            let pull = add_product(lanes, &newton.stages[k].bt, &costate, &gu);
+            for i in 0..NU {
+                let index = k * NU + i;
+                let rate = newton.rates.force[index / 4][index % 4];
+                let next = if k + 1 < newton.n {
+                    newton.rates.force[(index + NU) / 4][(index + NU) % 4]
+                } else {
+                    0.0
+                };
+                newton.inputs.absorb(index, pull[i] + rate - next);
+            }
+            costate = add_product(lanes, &newton.stages[k].at, &costate, &gx);
+        }
+    }
+}
+
+/// Weights and forces of the active-set guess.
+pub(super) struct HoldActive<'a, const NX: usize, const NU: usize>(
+    pub(super) &'a mut Newton<NX, NU>,
+);
+
+impl<const NX: usize, const NU: usize> Phase for HoldActive<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        for channel in self.0.channels() {
+            if channel.any() {
+                channel.hold_active(lanes);
+            }
+        }
+    }
+}
+
+/// Backward pass of an active-set sweep for the present forces at the present point, with the factorisation at hand.
+pub(super) struct Resolve<'a, const NX: usize, const NU: usize>(pub(super) &'a mut Newton<NX, NU>);
+
+impl<const NX: usize, const NU: usize> Phase for Resolve<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let newton = self.0;
+        let x = *newton.x(newton.n);
+        newton.terminal_gradient = add_product(lanes, &newton.p, &x, &newton.pv);
+        let mut costate = (newton.terminal_force(lanes), [0.0; NU]);
+        if let Some(cone) = &mut newton.cone {
+            cone.hold(lanes, &x, 0.0, None, &mut costate.0);
+        }
+        for k in (0..newton.n).rev() {
+            let (gx, gu) = newton.cost_gradient(lanes, k);
+            newton.backward_stage(lanes, k, gx, gu, &mut costate);
+        }
+    }
+}
+
+/// Forward pass that moves the values by the full step and judges the active-set guess.
+pub(super) struct Settle<'a, const NX: usize, const NU: usize>(pub(super) &'a mut Newton<NX, NU>);
+
+impl<const NX: usize, const NU: usize> Phase for Settle<'_, NX, NU> {
+    type Output = Verdict;
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Verdict {
+        let newton = self.0;
+        newton.roll(lanes);
+        let mut verdict = Verdict::default();
+        for channel in newton.channels() {
+            verdict = verdict.and(channel.settle(lanes));
+        }
+        if let Some(cone) = &mut newton.cone {
+            verdict = verdict.and(cone.settle(
+                at(&newton.states.v, newton.n - 1),
+                at(&newton.states.dv, newton.n - 1),
+            ));
+        }
+        verdict
+    }
+}
+
+/// Costates at the present point and multipliers: the adjoint recursion, kept stable by the gains at hand.
+///
+/// Each stage's input residual is fed back through the gain, so it stays where it arises instead of growing
+/// with the powers of an unstable A; the states' conditions miss by the gain times that residual.
+pub(super) struct Costates<'a, const NX: usize, const NU: usize> {
+    /// The system.
+    pub(super) newton: &'a mut Newton<NX, NU>,
+    /// Costates of the N dynamics.
+    pub(super) costates: &'a mut [nalgebra::SVector<f64, NX>],
+}
+
+impl<const NX: usize, const NU: usize> Phase for Costates<'_, NX, NU> {
+    /// Largest input residual, and the largest term that it should have cancelled.
+    type Output = (f64, f64);
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> (f64, f64) {
+        let newton = self.newton;
+        let (mut residual, mut scale) = (0.0, 1.0);
+        for channel in newton.channels() {
+            if channel.any() {
+                channel.present();
+            }
+        }
+        newton.terminal_gradient = add_product(lanes, &newton.p, newton.x(newton.n), &newton.pv);
+        let mut costate = (newton.terminal_force(lanes), [0.0; NU]);
+        if let Some(cone) = &newton.cone {
+            for (sum, force) in costate.0.iter_mut().zip(cone.force()) {
+                *sum += force;
+            }
+        }
+        for k in (0..newton.n).rev() {
+            self.costates[k] = costate.0.into();
+            let (mut gx, mut gu) = newton.cost_gradient(lanes, k);
+            newton.forces(lanes, k, &mut gx, &mut gu);
+            let gr: &[f64; NU] = at(&newton.rates.force, k);
+            let next: [f64; NU] = if k + 1 < newton.n {
+                *at(&newton.rates.force, k + 1)
+            } else {
+                [0.0; NU]
+            };
+            let pull = add_product(lanes, &newton.stages[k].bt, &costate.0, &[0.0; NU]);
+            for i in 0..NU {
+                residual = larger(residual, (gu[i] + gr[i] - next[i] + pull[i]).abs());
+                scale = larger(
+                    scale,
+                    larger(gu[i].abs(), larger(pull[i].abs(), gr[i].abs())),
+                );
+            }
+            newton.feedforward[k] = backward(
+                lanes,
+                &newton.stages[k],
+                &newton.gains[k],
+                (&gx, &gu, gr),
+                &mut costate,
+            );
+        }
+        (residual, scale)
+    }
+}
+
+/// Solves the problem with the channels' weights and forces in absolute values, from the given state: the starting point.
+///
+/// Forces are gradients at zero values; the affine terms of the dynamics enter here and nowhere else.
+pub(super) struct SolveAbsolute<'a, const NX: usize, const NU: usize>(
+    pub(super) &'a mut Newton<NX, NU>,
+);
+
+impl<const NX: usize, const NU: usize> Phase for SolveAbsolute<'_, NX, NU> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let newton = self.0;
+        let mut costate = ([0.0; NX], [0.0; NU]);
+        newton.terminal_gradient = newton.pv;
+        let mut value = newton.terminal_value(lanes, &mut costate.0);
+        for k in (0..newton.n).rev() {
+            let stage = &newton.stages[k];
+            costate.0 = add_product(lanes, &value.xx, &stage.c, &costate.0);
+            for i in 0..NU {
+                costate.1[i] += dot(lanes, &value.xp[i], &stage.c);
+            }
+            let (gx, gu) = (stage.qv, stage.rv);
+            newton.eliminate_stage(lanes, k, &mut value);
+            newton.backward_stage(lanes, k, gx, gu, &mut costate);
+        }
+        let (mut x, mut p) = (newton.x0, newton.u_last);
+        for k in 0..newton.n {
+            let stage = &newton.stages[k];
+            let u = forward(
+                lanes,
+                stage,
+                &newton.gains[k],
+                &newton.feedforward[k],
+                &mut x,
+                &p,
+            );
+            for i in 0..NX {
+                x[i] += stage.c[i];
+            }
+            *at_mut(&mut newton.states.v, k) = x;
+            *at_mut(&mut newton.inputs.v, k) = u;
+            let rate: &mut [f64; NU] = at_mut(&mut newton.rates.v, k);
+            for i in 0..NU {
+                rate[i] = u[i] - p[i];
+            }
+            p = u;
+        }
+        newton.spread(lanes, false);
+    }
+}

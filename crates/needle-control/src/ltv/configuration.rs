@@ -1,0 +1,88 @@
+//! Configuration of the linear controllers.
+
+use super::terminal::TerminalChoice;
+use crate::configuration::{ConfigurationError, count, not_negative, positive};
+use crate::limits::InputLimits;
+use crate::survival::{MOST_STAGES, Survival};
+use crate::tracking::Tracking;
+
+/// Diagonal weights; zero leaves an error out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinearWeights {
+    /// Of the squared left-invariant error (mm, mm, mm, rad, rad, rad).
+    pub error: [f64; 6],
+    /// Of the squared deviation from the reference's speed, s^2/mm^2.
+    pub v: f64,
+    /// Of the squared deviation from the reference's spin, s^2/rad^2.
+    pub omega: f64,
+    /// Of the squared change of the speed's deviation in a step, s^2/mm^2. Positive: it bounds the terminal set.
+    pub v_change: f64,
+    /// Of the squared change of the spin's deviation in a step, s^2/rad^2. Positive.
+    pub omega_change: f64,
+}
+
+impl Default for LinearWeights {
+    fn default() -> Self {
+        Self {
+            error: [1.0, 1.0, 1.0, 10.0, 10.0, 1.0],
+            v: 0.1,
+            omega: 0.1,
+            v_change: 0.01,
+            omega_change: 0.01,
+        }
+    }
+}
+
+/// Configuration of a [`LtvController`](crate::LtvController) or [`StraightController`](crate::StraightController).
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinearConfiguration {
+    /// Stages of the horizon.
+    pub horizon: usize,
+    /// Sample time and length of a stage, s.
+    pub dt_s: f64,
+    /// Limits of the actuators.
+    pub limits: InputLimits,
+    /// Weights of the cost.
+    pub weights: LinearWeights,
+    /// Terminal cost and set.
+    pub terminal: TerminalChoice,
+    /// What fixes the present point of the path.
+    pub tracking: Tracking,
+    /// Deadline, plans in reserve, outliers.
+    pub survival: Survival,
+}
+
+impl Default for LinearConfiguration {
+    /// 20 stages of 0.1 s, the strongest terminal ingredients that the reference admits.
+    fn default() -> Self {
+        Self {
+            horizon: 20,
+            dt_s: 0.1,
+            limits: InputLimits::default(),
+            weights: LinearWeights::default(),
+            terminal: TerminalChoice::default(),
+            tracking: Tracking::default(),
+            survival: Survival::default(),
+        }
+    }
+}
+
+impl LinearConfiguration {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`ConfigurationError`] names the first that is out of range.
+    pub fn validate(&self) -> Result<(), ConfigurationError> {
+        count("horizon", self.horizon, MOST_STAGES)?;
+        positive("dt_s", self.dt_s)?;
+        self.limits.validate()?;
+        self.survival.validate()?;
+        for found in self.weights.error {
+            not_negative("weights.error", found)?;
+        }
+        positive("weights.v", self.weights.v)?;
+        positive("weights.omega", self.weights.omega)?;
+        positive("weights.v_change", self.weights.v_change)?;
+        positive("weights.omega_change", self.weights.omega_change)
+    }
+}

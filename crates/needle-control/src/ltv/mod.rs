@@ -1,0 +1,326 @@
+//! Linear model predictive control about a reference: time-varying on SE(3), and time-invariant for the straight needle.
+//!
+//! The error is xi = log(g_r^-1 g), linearised along the reference itself, so the program is the same wherever the world frame
+//! is. Of a straight needle only depth (xi_3) and roll (xi_6) answer to the inputs; there the model is x+ = x + dt u exactly,
+//! the paper's problem. Both share this file; they differ in the coordinates of the error and the terminal choices.
+
+mod configuration;
+mod ingredients;
+mod regulator;
+mod terminal;
+
+pub use configuration::{LinearConfiguration, LinearWeights};
+pub use terminal::{TerminalChoice, TerminalError};
+
+use crate::configuration::ConfigurationError;
+use crate::controller::{ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason};
+use crate::survival::{Guard, Sample};
+use crate::tracking::{Tracker, link};
+use ingredients::Chosen;
+use lqr::Certificate;
+use mpc_qp::{ConstraintGroup, OcpQp, OcpSolver, SolveError, StructuredSolver};
+use nalgebra::{DMatrix, Matrix2, SMatrix, SVector, Vector2, Vector6};
+use needle_model::{Input, Needle, Pose, ReferencePath, StepError};
+use regulator::{Regulator, structured, weighted_stage};
+use std::time::Instant;
+use terminal::Ingredients;
+
+/// Model predictive controller linearised along the reference; `NX` counts the coordinates of the error and the two inputs.
+#[derive(Debug, Clone)]
+pub struct LinearController<S, const NX: usize> {
+    configuration: LinearConfiguration,
+    coordinates: &'static [usize],
+    model: Needle,
+    needle: Needle,
+    tracker: Tracker,
+    guard: Guard,
+    regulator: Regulator<S, NX>,
+    ingredients: Ingredients,
+    chosen: TerminalChoice,
+    predicted: Vec<Pose>,
+    lag_s: f64,
+    value: f64,
+    statistics: SolverStatistics,
+}
+
+/// Linear time-varying controller on SE(3).
+pub type LtvController<S = StructuredSolver<8, 2>> = LinearController<S, 8>;
+
+/// Controller of the straight needle: depth and roll.
+pub type StraightController<S = StructuredSolver<4, 2>> = LinearController<S, 4>;
+
+const ALL_COORDINATES: &[usize] = &[0, 1, 2, 3, 4, 5];
+const DEPTH_AND_ROLL: &[usize] = &[2, 5];
+
+impl LtvController {
+    /// A controller at the start of `path`, at rest, on the structured solver.
+    ///
+    /// # Errors
+    /// [`ConfigurationError`] names the setting that is out of range, or holds the reason why the terminal choice cannot be had.
+    pub fn new(
+        needle: Needle,
+        path: ReferencePath,
+        configuration: LinearConfiguration,
+    ) -> Result<Self, ConfigurationError> {
+        let make_solver = structured(configuration.survival.deadline);
+        Self::with_solver(needle, path, configuration, make_solver)
+    }
+}
+
+impl<S: OcpSolver<8, 2>> LtvController<S> {
+    /// The same on a solver of the caller's choice.
+    ///
+    /// # Errors
+    /// As [`LtvController::new`].
+    pub fn with_solver(
+        needle: Needle,
+        path: ReferencePath,
+        configuration: LinearConfiguration,
+        make_solver: impl FnMut(&OcpQp<8, 2>) -> Result<S, SolveError>,
+    ) -> Result<Self, ConfigurationError> {
+        configuration.validate()?;
+        let chosen = ingredients::along_path(needle, &path, &configuration)?;
+        Self::assemble(needle, path, configuration, ALL_COORDINATES, chosen, make_solver)
+    }
+}
+
+impl StraightController {
+    /// A controller of a straight needle (`curvature_per_mm` of zero) at the start of `path`, on the structured solver.
+    ///
+    /// # Errors
+    /// As [`LtvController::new`], and [`TerminalError::Bent`].
+    pub fn new(
+        needle: Needle,
+        path: ReferencePath,
+        configuration: LinearConfiguration,
+    ) -> Result<Self, ConfigurationError> {
+        let make_solver = structured(configuration.survival.deadline);
+        Self::with_solver(needle, path, configuration, make_solver)
+    }
+}
+
+impl<S: OcpSolver<4, 2>> StraightController<S> {
+    /// The same on a solver of the caller's choice.
+    ///
+    /// # Errors
+    /// As [`StraightController::new`].
+    pub fn with_solver(
+        needle: Needle,
+        path: ReferencePath,
+        configuration: LinearConfiguration,
+        make_solver: impl FnMut(&OcpQp<4, 2>) -> Result<S, SolveError>,
+    ) -> Result<Self, ConfigurationError> {
+        configuration.validate()?;
+        let chosen = ingredients::of_straight_needle(needle, &path, &configuration)?;
+        Self::assemble(needle, path, configuration, DEPTH_AND_ROLL, chosen, make_solver)
+    }
+}
+
+impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
+    fn assemble(
+        needle: Needle,
+        path: ReferencePath,
+        configuration: LinearConfiguration,
+        coordinates: &'static [usize],
+        Chosen { choice, ingredients }: Chosen,
+        make_solver: impl FnMut(&OcpQp<NX, 2>) -> Result<S, SolveError>,
+    ) -> Result<Self, ConfigurationError> {
+        let LinearConfiguration { horizon, dt_s, limits, tracking, survival, .. } = configuration;
+        let weights = &configuration.weights;
+        let mut q = SMatrix::<f64, NX, NX>::zeros();
+        for (i, &coordinate) in coordinates.iter().enumerate() {
+            q[(i, i)] = weights.error[coordinate];
+        }
+        let stage = weighted_stage(&q, &weights.of_input(), &weights.of_change());
+        Ok(Self {
+            coordinates,
+            model: needle,
+            needle,
+            tracker: Tracker::new(path, tracking, dt_s, horizon),
+            guard: Guard::new(survival, limits, dt_s, horizon),
+            regulator: Regulator::new(stage, horizon, limits, dt_s, &ingredients, make_solver)?,
+            ingredients,
+            chosen: choice,
+            predicted: vec![Pose::identity(); horizon + 1],
+            lag_s: 0.0,
+            value: f64::NAN,
+            statistics: SolverStatistics::default(),
+            configuration,
+        })
+    }
+
+    /// The configuration.
+    #[must_use]
+    pub fn configuration(&self) -> &LinearConfiguration {
+        &self.configuration
+    }
+
+    /// The terminal choice in force; never [`TerminalChoice::Auto`].
+    #[must_use]
+    pub fn terminal(&self) -> TerminalChoice {
+        self.chosen
+    }
+
+    /// What is claimed of the terminal ingredients, check by check; `None` without any.
+    #[must_use]
+    pub fn certificate(&self) -> Option<&Certificate> {
+        self.ingredients.certificate.as_ref()
+    }
+
+    /// Optimal cost V_N of the last step that was solved, in the units of the weights; NaN before.
+    #[must_use]
+    pub fn value(&self) -> f64 {
+        self.value
+    }
+
+    fn decide(&mut self, measurement: &Measurement, time_s: f64, started: Instant) -> (Input, Origin) {
+        if let Some(needle) = measurement.curvature_per_mm.and_then(|k| Needle::new(k).ok()) {
+            self.needle = needle;
+        }
+        let sample = self.guard.accept(&self.needle, measurement, time_s);
+        self.tracker.advance(sample.elapsed_s, sample.pose.as_ref());
+        self.shift(sample.elapsed_s);
+        if self.tracker.finished(sample.pose.as_ref()) {
+            return self.guard.stop(&sample, StopReason::PathEnd);
+        }
+        let Some(pose) = sample.pose else {
+            return self.guard.fall_back(&sample, StopReason::NoMeasurement);
+        };
+        match self.solve(&pose, &sample) {
+            Some(origin) if !self.guard.late(started.elapsed()) => {
+                let (wanted, solution) = (&self.tracker.inputs, self.regulator.solution());
+                let planned = wanted.iter().zip(&solution.u).map(|(u, d)| absolute(*u, d));
+                self.guard.keep(planned);
+                let input = absolute(wanted[0], &solution.u[0]);
+                self.predict(&pose);
+                (self.guard.apply(input, &sample), origin)
+            }
+            _ => self.guard.fall_back(&sample, StopReason::NoPlan),
+        }
+    }
+
+    /// Moves guesses and prediction by the whole steps that have passed since the last sample.
+    fn shift(&mut self, elapsed_s: f64) {
+        let (dt_s, horizon) = (self.configuration.dt_s, self.configuration.horizon);
+        let steps = ((self.lag_s + elapsed_s) / dt_s).round().clamp(0.0, horizon as f64);
+        self.lag_s = (self.lag_s + elapsed_s - steps * dt_s).clamp(-dt_s, dt_s);
+        self.regulator.shift(steps as usize);
+        self.predicted.copy_within(steps as usize.., 0);
+    }
+
+    /// Solves from a pose; `None` without a usable answer.
+    fn solve(&mut self, pose: &Pose, sample: &Sample) -> Option<Origin> {
+        self.linearise().ok()?;
+        self.regulator.set_limits(&self.tracker.inputs, sample.reach_s);
+        let xi = pose.error_from(&self.tracker.poses[0]);
+        let mut error = SVector::<f64, NX>::zeros();
+        for (i, &coordinate) in self.coordinates.iter().enumerate() {
+            error[i] = xi[coordinate];
+        }
+        let (previous, wanted) = (self.guard.previous(), self.tracker.inputs[0]);
+        let previous = Vector2::new(
+            previous.v_mm_s - wanted.v_mm_s,
+            previous.omega_rad_s - wanted.omega_rad_s,
+        );
+        let end_step = self.tracker.step() + self.configuration.horizon;
+        let answer = self.regulator.solve(&error, &previous, &self.ingredients, end_step);
+        self.statistics.status = Some(answer.status);
+        self.statistics.solves += answer.solves;
+        self.statistics.iterations += answer.iterations;
+        let usable = answer.status.has_solution() && self.regulator.solution().u[0].sum().is_finite();
+        if !usable {
+            return None;
+        }
+        // The programs carry the factor 1/2 of `mpc-qp`.
+        self.value = 2.0 * self.regulator.solution().objective;
+        Some(match answer.violation > 0.0 {
+            true => Origin::Degraded {
+                softened: ConstraintGroup::TerminalSet,
+                violation: answer.violation,
+            },
+            false => Origin::Optimal,
+        })
+    }
+
+    fn linearise(&mut self) -> Result<(), StepError> {
+        let (tracker, dt_s) = (&self.tracker, self.configuration.dt_s);
+        for k in 0..self.configuration.horizon {
+            let (here, next) = (&tracker.poses[k], &tracker.poses[k + 1]);
+            let link = link(&self.needle, here, tracker.inputs[k], next, dt_s)?;
+            let stage = self.regulator.stage_mut(k);
+            for (i, &row) in self.coordinates.iter().enumerate() {
+                for (j, &column) in self.coordinates.iter().enumerate() {
+                    stage.a[(i, j)] = link.a[(row, column)];
+                }
+                for j in 0..2 {
+                    stage.b[(i, j)] = link.b[(row, j)];
+                }
+                stage.c[i] = link.defect[row];
+            }
+        }
+        Ok(())
+    }
+
+    /// Poses of the plan; coordinates outside the model keep the present error.
+    fn predict(&mut self, pose: &Pose) {
+        let present = pose.error_from(&self.tracker.poses[0]);
+        for (k, x) in self.regulator.solution().x.iter().enumerate() {
+            let mut xi: Vector6<f64> = present;
+            for (i, &coordinate) in self.coordinates.iter().enumerate() {
+                xi[coordinate] = x[i];
+            }
+            self.predicted[k] = self.tracker.poses[k].perturbed(&xi);
+        }
+    }
+}
+
+impl LinearWeights {
+    fn of_input(&self) -> Matrix2<f64> {
+        Matrix2::new(self.v, 0.0, 0.0, self.omega)
+    }
+
+    fn of_change(&self) -> Matrix2<f64> {
+        Matrix2::new(self.v_change, 0.0, 0.0, self.omega_change)
+    }
+
+    /// Weight of the chosen coordinates of the error.
+    fn of_error(&self, coordinates: &[usize]) -> DMatrix<f64> {
+        let diagonal = coordinates.iter().map(|&i| self.error[i]);
+        DMatrix::from_diagonal(&nalgebra::DVector::from_iterator(coordinates.len(), diagonal))
+    }
+}
+
+fn absolute(wanted: Input, deviation: &Vector2<f64>) -> Input {
+    Input {
+        v_mm_s: wanted.v_mm_s + deviation[0],
+        omega_rad_s: wanted.omega_rad_s + deviation[1],
+    }
+}
+
+impl<S: OcpSolver<NX, 2>, const NX: usize> Controller for LinearController<S, NX> {
+    fn step(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_> {
+        let started = Instant::now();
+        self.statistics = SolverStatistics::default();
+        let (input, origin) = self.decide(measurement, time_s, started);
+        self.statistics.time = started.elapsed();
+        let predicted: &[Pose] = match origin {
+            Origin::Stop { .. } => &[],
+            _ => &self.predicted,
+        };
+        ControlStep {
+            input,
+            origin,
+            predicted,
+            statistics: self.statistics,
+        }
+    }
+
+    fn reset(&mut self) {
+        self.needle = self.model;
+        self.tracker.reset();
+        self.guard.reset();
+        self.regulator.shift(usize::MAX);
+        self.lag_s = 0.0;
+        self.value = f64::NAN;
+    }
+}

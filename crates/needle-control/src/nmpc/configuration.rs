@@ -1,0 +1,112 @@
+//! Configuration of the nonlinear controller.
+
+use super::cost::NmpcWeights;
+use crate::configuration::{ConfigurationError, count, not_negative, positive};
+use crate::limits::InputLimits;
+use crate::survival::{MOST_STAGES, Survival};
+use crate::tracking::Tracking;
+
+/// What the spin's weight pulls toward.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SpinTarget {
+    /// No spin: the weight limits the rotation in the tissue. Right for paths whose roll means nothing.
+    #[default]
+    Rest,
+    /// The reference's spin. Right for paths that this needle executes.
+    Reference,
+}
+
+/// How far each step's nonlinear program is solved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Convergence {
+    /// One full Gauss-Newton step from the shifted plan.
+    RealTime,
+    /// Steps with a line search on an exact penalty function, until the step is below `tolerance` (mm, rad, mm/s, rad/s alike).
+    Full {
+        /// Largest entry of the step.
+        tolerance: f64,
+        /// Steps at most.
+        max_iterations: usize,
+    },
+}
+
+/// Configuration of an [`NmpcController`](crate::NmpcController). The defaults work.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NmpcConfiguration {
+    /// Stages of the horizon.
+    pub horizon: usize,
+    /// Sample time and length of a stage, s.
+    pub dt_s: f64,
+    /// Limits of the actuators.
+    pub limits: InputLimits,
+    /// Weights of the cost.
+    pub weights: NmpcWeights,
+    /// What the spin's weight pulls toward.
+    pub spin_target: SpinTarget,
+    /// What fixes the present point of the path.
+    pub tracking: Tracking,
+    /// How far each step is solved.
+    pub convergence: Convergence,
+    /// Levenberg-Marquardt term on the change of roll, as a multiple of the plan's mean stage cost.
+    pub damping: f64,
+    /// Gauss-Newton steps for each candidate of the first plan.
+    pub start_iterations: usize,
+    /// Deadline, plans in reserve, outliers.
+    pub survival: Survival,
+}
+
+impl Default for NmpcConfiguration {
+    /// 20 stages of 0.1 s, one real-time iteration.
+    fn default() -> Self {
+        Self {
+            horizon: 20,
+            dt_s: 0.1,
+            limits: InputLimits::default(),
+            weights: NmpcWeights::default(),
+            spin_target: SpinTarget::default(),
+            tracking: Tracking::default(),
+            convergence: Convergence::RealTime,
+            damping: 0.2,
+            start_iterations: 8,
+            survival: Survival::default(),
+        }
+    }
+}
+
+impl NmpcConfiguration {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`ConfigurationError`] names the first that is out of range.
+    pub fn validate(&self) -> Result<(), ConfigurationError> {
+        count("horizon", self.horizon, MOST_STAGES)?;
+        count("start_iterations", self.start_iterations, MOST_STAGES)?;
+        positive("dt_s", self.dt_s)?;
+        not_negative("damping", self.damping)?;
+        self.limits.validate()?;
+        self.survival.validate()?;
+        if let Convergence::Full {
+            tolerance,
+            max_iterations,
+        } = self.convergence
+        {
+            positive("convergence.tolerance", tolerance)?;
+            count("convergence.max_iterations", max_iterations, MOST_STAGES)?;
+        }
+        let weights = &self.weights;
+        // Both inputs must cost something: otherwise the plan is not unique.
+        positive("weights.v", weights.v)?;
+        positive("weights.omega", weights.omega)?;
+        for (field, found) in [
+            ("weights.position", weights.position),
+            ("weights.tangent", weights.tangent),
+            ("weights.roll", weights.roll),
+            ("weights.end_position", weights.end_position),
+            ("weights.end_tangent", weights.end_tangent),
+            ("weights.end_roll", weights.end_roll),
+        ] {
+            not_negative(field, found)?;
+        }
+        Ok(())
+    }
+}

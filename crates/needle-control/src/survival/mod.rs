@@ -1,0 +1,205 @@
+//! What keeps a predictive controller alive: a clock that tolerates clocks, a gate for measurements, and the last good plan.
+//!
+//! Every input leaves through [`Guard::apply`], which brings it into the limits, rates included, whatever asked for it. A step
+//! without a usable answer takes the plan of an earlier step, shifted by the time that has passed, while it is young enough;
+//! then the needle is brought to rest.
+
+use crate::configuration::{ConfigurationError, count, positive};
+use crate::controller::{Measurement, Origin, StopReason};
+use crate::limits::InputLimits;
+use nalgebra::UnitQuaternion;
+use needle_model::{Input, Needle, Pose};
+use std::time::Duration;
+
+/// When a controller no longer trusts the clock, a measurement, or a plan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Survival {
+    /// Wall time that a step may take; a later answer is not applied. `None` for no deadline.
+    pub deadline: Option<Duration>,
+    /// Oldest plan that may stand in for a failed step, in samples.
+    pub max_plan_age: usize,
+    /// Distance from the expected position beyond which a measurement is an outlier, mm. After `max_plan_age` outliers in a row
+    /// the next one is believed.
+    pub max_jump_mm: f64,
+}
+
+impl Default for Survival {
+    /// No deadline, plans of at most 10 samples, jumps of at most 10 mm.
+    fn default() -> Self {
+        Self {
+            deadline: None,
+            max_plan_age: 10,
+            max_jump_mm: 10.0,
+        }
+    }
+}
+
+impl Survival {
+    pub(crate) fn validate(&self) -> Result<(), ConfigurationError> {
+        count("survival.max_plan_age", self.max_plan_age, MOST_STAGES)?;
+        positive("survival.max_jump_mm", self.max_jump_mm)
+    }
+}
+
+/// Longest horizon, and oldest plan, that a configuration may ask for.
+pub(crate) const MOST_STAGES: usize = 10_000;
+
+/// A sample after the clock and the gate.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sample {
+    /// Time since the sample before; the nominal step where the clock tells nothing. Zero at the first sample.
+    pub(crate) elapsed_s: f64,
+    /// Time for which rate limits may be used up: the shorter of elapsed time and nominal step.
+    pub(crate) reach_s: f64,
+    /// The pose to act on, if one is to be believed.
+    pub(crate) pose: Option<Pose>,
+}
+
+/// Memory of one controller's survival.
+#[derive(Debug, Clone)]
+pub(crate) struct Guard {
+    survival: Survival,
+    limits: InputLimits,
+    dt_s: f64,
+    previous: Input,
+    time_s: Option<f64>,
+    expected: Option<Pose>,
+    missed: usize,
+    plan: Vec<Input>,
+    plan_age_s: f64,
+}
+
+impl Guard {
+    /// At rest, without a plan; `horizon` inputs at most will be kept.
+    pub(crate) fn new(survival: Survival, limits: InputLimits, dt_s: f64, horizon: usize) -> Self {
+        Self {
+            survival,
+            limits,
+            dt_s,
+            previous: Input::ZERO,
+            time_s: None,
+            expected: None,
+            missed: 0,
+            plan: Vec::with_capacity(horizon),
+            plan_age_s: 0.0,
+        }
+    }
+
+    /// The input applied last.
+    pub(crate) fn previous(&self) -> Input {
+        self.previous
+    }
+
+    /// Passes a measurement through the clock and the gate.
+    pub(crate) fn accept(
+        &mut self,
+        needle: &Needle,
+        measurement: &Measurement,
+        time_s: f64,
+    ) -> Sample {
+        let (elapsed_s, reach_s) = self.tick(time_s);
+        self.plan_age_s += elapsed_s;
+        self.expected = self
+            .expected
+            .and_then(|pose| needle.step(&pose, self.previous, elapsed_s).ok());
+        let pose = measurement
+            .pose
+            .and_then(normalised)
+            .filter(|pose| self.believes(pose));
+        match pose {
+            Some(_) => {
+                self.missed = 0;
+                self.expected = pose;
+            }
+            None => self.missed = self.missed.saturating_add(1),
+        }
+        Sample {
+            elapsed_s,
+            reach_s,
+            pose,
+        }
+    }
+
+    fn tick(&mut self, time_s: f64) -> (f64, f64) {
+        let Some(last_s) = self.time_s else {
+            self.time_s = Some(if time_s.is_finite() { time_s } else { 0.0 });
+            return (0.0, self.dt_s);
+        };
+        let since_s = time_s - last_s;
+        let runs = since_s > 0.0 && since_s.is_finite();
+        let elapsed_s = if runs { since_s } else { self.dt_s };
+        self.time_s = Some(if time_s.is_finite() {
+            time_s
+        } else {
+            last_s + self.dt_s
+        });
+        (elapsed_s, elapsed_s.min(self.dt_s))
+    }
+
+    fn believes(&self, pose: &Pose) -> bool {
+        self.missed >= self.survival.max_plan_age
+            || self.expected.is_none_or(|expected| {
+                (pose.position_mm - expected.position_mm).norm() <= self.survival.max_jump_mm
+            })
+    }
+
+    /// Brings an input into the limits and remembers it as applied.
+    pub(crate) fn apply(&mut self, wanted: Input, sample: &Sample) -> Input {
+        self.previous = self
+            .limits
+            .admissible(wanted, self.previous, sample.reach_s);
+        self.previous
+    }
+
+    /// Keeps a plan whose first input belongs to this sample.
+    pub(crate) fn keep(&mut self, plan: impl Iterator<Item = Input>) {
+        self.plan.clear();
+        let room = self.plan.capacity();
+        self.plan.extend(plan.take(room));
+        self.plan_age_s = 0.0;
+    }
+
+    /// The shifted plan if it is young enough, or the way to rest for `reason`.
+    pub(crate) fn fall_back(&mut self, sample: &Sample, reason: StopReason) -> (Input, Origin) {
+        let age = ((self.plan_age_s / self.dt_s).round() as usize).max(1);
+        match self.plan.get(age) {
+            Some(&planned) if age <= self.survival.max_plan_age => {
+                (self.apply(planned, sample), Origin::ShiftedPlan { age })
+            }
+            _ => self.stop(sample, reason),
+        }
+    }
+
+    /// Forgets the plan and brings the needle to rest.
+    pub(crate) fn stop(&mut self, sample: &Sample, reason: StopReason) -> (Input, Origin) {
+        self.plan.clear();
+        (
+            self.apply(Input::ZERO, sample),
+            Origin::Stop { reason },
+        )
+    }
+
+    /// As newly made.
+    pub(crate) fn reset(&mut self) {
+        self.previous = Input::ZERO;
+        self.time_s = None;
+        self.expected = None;
+        self.missed = 0;
+        self.plan.clear();
+        self.plan_age_s = 0.0;
+    }
+
+    /// True once a step that began `spent` ago is late.
+    pub(crate) fn late(&self, spent: Duration) -> bool {
+        self.survival
+            .deadline
+            .is_some_and(|deadline| spent > deadline)
+    }
+}
+
+/// The pose with a unit quaternion; `None` where a coordinate is not finite or the rotation is none.
+fn normalised(pose: Pose) -> Option<Pose> {
+    let rotation = UnitQuaternion::try_new(pose.rotation.into_inner(), 1e-6)?;
+    let pose = Pose { rotation, ..pose };
+    pose.is_finite().then_some(pose)
+}

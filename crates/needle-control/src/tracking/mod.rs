@@ -1,0 +1,154 @@
+//! Where on the path a controller is, and what lies ahead: poses, inputs and bending of the reference over the horizon.
+//!
+//! The path is sampled at the controller's own step from the present path time on, along the screw motion between its samples,
+//! so neither clock jitter nor another sample time of the path matters. Past the end the last pose repeats with zero input.
+
+mod link;
+
+pub(crate) use link::link;
+
+use nalgebra::Vector3;
+use needle_model::{Input, PathProgress, Pose, ReferencePath};
+
+/// What fixes the present point of the path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Tracking {
+    /// The time since the first step: the tip is to be at a place at a time.
+    #[default]
+    Time,
+    /// The nearest point of the path, never backwards: the tip is to be on the path, at the path's speed. A path that turns in
+    /// place needs [`Tracking::Time`].
+    Progress,
+}
+
+/// Samples ahead among which the nearest point is looked for, and time past the end after which the path counts as done.
+const LOOKAHEAD: usize = 20;
+
+/// Distance along the last tangent at which the end of the path counts as reached, mm.
+const END_TOLERANCE_MM: f64 = 0.02;
+
+/// A path with the present point on it.
+#[derive(Debug, Clone)]
+pub(crate) struct Tracker {
+    path: ReferencePath,
+    tracking: Tracking,
+    progress: Option<PathProgress>,
+    dt_s: f64,
+    time_s: f64,
+    /// Reference poses, N + 1.
+    pub(crate) poses: Vec<Pose>,
+    /// Reference inputs, N.
+    pub(crate) inputs: Vec<Input>,
+}
+
+impl Tracker {
+    /// At the start of `path`.
+    pub(crate) fn new(path: ReferencePath, tracking: Tracking, dt_s: f64, horizon: usize) -> Self {
+        Self {
+            path,
+            tracking,
+            progress: None,
+            dt_s,
+            time_s: 0.0,
+            poses: vec![Pose::identity(); horizon + 1],
+            inputs: vec![Input::ZERO; horizon],
+        }
+    }
+
+    /// The path.
+    pub(crate) fn path(&self) -> &ReferencePath {
+        &self.path
+    }
+
+    /// Index of the path's sample at or just before the present point.
+    pub(crate) fn step(&self) -> usize {
+        self.sample(self.time_s).0
+    }
+
+    /// Moves the present point and refills the horizon.
+    pub(crate) fn advance(&mut self, elapsed_s: f64, pose: Option<&Pose>) {
+        match (self.tracking, pose) {
+            (Tracking::Progress, Some(pose)) => self.project(&pose.position_mm),
+            _ => self.time_s = (self.time_s + elapsed_s).min(f64::MAX),
+        }
+        for k in 0..self.poses.len() {
+            let time_s = self.time_s + k as f64 * self.dt_s;
+            let (step, fraction) = self.sample(time_s);
+            self.poses[k] = match fraction > 0.0 {
+                true => self.path.pose_at_time(time_s),
+                false => self.path.poses()[step],
+            };
+            if let Some(input) = self.inputs.get_mut(k) {
+                *input = self.path.inputs().get(step).copied().unwrap_or_default();
+            }
+        }
+    }
+
+    /// Step at or before a time, and the fraction of the next one; a fraction of rounding is none.
+    fn sample(&self, time_s: f64) -> (usize, f64) {
+        let position = (time_s / self.path.dt_s()).max(0.0);
+        let step = ((position + 1e-9) as usize).min(self.path.inputs().len());
+        let beyond = position - step as f64;
+        let fraction = if beyond < 1e-9 || step == self.path.inputs().len() {
+            0.0
+        } else {
+            beyond
+        };
+        (step, fraction)
+    }
+
+    fn project(&mut self, position_mm: &Vector3<f64>) {
+        let path = &self.path;
+        let progress = self
+            .progress
+            .get_or_insert_with(|| PathProgress::acquired(path, position_mm, LOOKAHEAD));
+        let step = progress.advance(path, position_mm);
+        // The nearest sample is within half a step of the nearest point: correct along the tangent.
+        let nearest = &path.poses()[step];
+        let ahead_mm = (position_mm - nearest.position_mm).dot(&nearest.tangent());
+        let speed_mm_s = path
+            .inputs()
+            .get(if ahead_mm < 0.0 { step.saturating_sub(1) } else { step })
+            .map_or(0.0, |u| u.v_mm_s.abs());
+        let correction_s = if speed_mm_s > 0.0 {
+            (ahead_mm / speed_mm_s).clamp(-path.dt_s(), path.dt_s())
+        } else {
+            0.0
+        };
+        let found_s = (step as f64 * path.dt_s() + correction_s).min(path.duration_s());
+        self.time_s = self.time_s.max(found_s);
+    }
+
+    /// True once the tip has come to the end of the path, or the path's time is over for good.
+    pub(crate) fn finished(&self, pose: Option<&Pose>) -> bool {
+        let patience_s = LOOKAHEAD as f64 * self.dt_s;
+        if self.tracking == Tracking::Time && self.time_s > self.path.duration_s() + patience_s {
+            return true;
+        }
+        // Only near the end in time: a path may pass the plane of its last pose before.
+        let near_s = self.path.duration_s() - 1.5 * self.dt_s;
+        let (Some(end), Some(pose)) = (self.path.poses().last(), pose) else {
+            return false;
+        };
+        let ahead_mm = (end.position_mm - pose.position_mm).dot(&end.tangent());
+        self.time_s >= near_s && ahead_mm <= END_TOLERANCE_MM
+    }
+
+    /// Wanted change of the tangent by arc length between reference poses `k` and `k + 1`, 1/mm, in the world.
+    pub(crate) fn bending_per_mm(&self, k: usize) -> Vector3<f64> {
+        let k = k.min(self.inputs.len().saturating_sub(1));
+        let (here, next) = (&self.poses[k], &self.poses[k + 1]);
+        let length_mm = (next.position_mm - here.position_mm).norm();
+        if length_mm > 1e-9 {
+            (next.tangent() - here.tangent()) / length_mm
+        } else {
+            Vector3::zeros()
+        }
+    }
+
+    /// As newly made.
+    pub(crate) fn reset(&mut self) {
+        self.progress = None;
+        self.time_s = 0.0;
+    }
+}
