@@ -1,9 +1,10 @@
 //! Curvature that brings the tip back to the path: the outer loop of the PID and of duty-cycled steering.
 //!
-//! With s the inserted length, the lateral error obeys e'' = k - k_path, k the curvature vector of the tip. The law
-//! k = k_path - (2 / l)(h + a(e)) - e_I / l_I^3, h = e' the error of the tangent, e_I the integral of e along s, makes the errors decay over the length l,
-//! critically damped where a(e) = e / (2 l). The approach angle a is bounded by sqrt(kappa |e|), the angle from which
-//! half of the needle's curvature still turns back into the path: without the bound a needle far off overshoots.
+//! With s the inserted length, the lateral error obeys e'' = k - k_path, k the curvature vector of the tip. The law k
+//! = k_path - (2 / l)(h + a(e)) - e_I / l_I^3, h = e' the error of the tangent, e_I the integral of e along s, makes
+//! the errors decay over the length l, critically damped where a(e) = e / (2 l). The approach angle a is bounded by
+//! sqrt(kappa |e|), the angle from which half of the needle's curvature still turns back into the path: without the
+//! bound a needle far off overshoots.
 
 use crate::baseline::law::PathSample;
 use crate::baseline::settings::{BaselineError, all_positive};

@@ -1,8 +1,9 @@
 //! Duty-cycled steering: whole turns of spin between stretches of insertion give any curvature below the needle's own.
 //!
-//! Source: D. Minhas, J. Engh, M. Fenske, C. Riviere, "Modeling of needle steering via duty-cycled spinning", EMBC 2007. The outer loop is the PID's; its
-//! demand of curvature |k| asks for spin during d = 1 - |k| / kappa of the insertion ([`needle_model::DutyCycle`]). A turn takes the length l_turn; the bevel then holds the
-//! demanded direction for l_turn (1 - d) / d, feedback included, and the next turn begins.
+//! Source: D. Minhas, J. Engh, M. Fenske, C. Riviere, "Modeling of needle steering via duty-cycled spinning", EMBC
+//! 2007. The outer loop is the PID's; its demand of curvature |k| asks for spin during d = 1 - |k| / kappa of the
+//! insertion ([`needle_model::DutyCycle`]). A turn takes the length l_turn; the bevel then holds the demanded
+//! direction for l_turn (1 - d) / d, feedback included, and the next turn begins.
 
 use crate::baseline::bevel::turn_rad;
 use crate::baseline::curvature_demand::{CurvatureDemand, LateralGains};

@@ -1,9 +1,9 @@
 //! Time-varying LQR around a reference that the needle can execute: u = u_r + K_k log(g_r^-1 g), saturated.
 //!
-//! The gains come from the backward Riccati chain of `lqr` on the exact derivatives of the discrete step. It is a law for
-//! small errors: limits enter only as saturation. Where the reference does not obey the needle's kinematics
-//! ([`needle_model::ReferencePath::largest_defect`]) or is close to planar, the linear model has no answer to the drift and the law is poor; design
-//! of the reference is then the cure, not the weights.
+//! The gains come from the backward Riccati chain of `lqr` on the exact derivatives of the discrete step. It is a law
+//! for small errors: limits enter only as saturation. Where the reference does not obey the needle's kinematics
+//! ([`needle_model::ReferencePath::largest_defect`]) or is close to planar, the linear model has no answer to the
+//! drift and the law is poor; design of the reference is then the cure, not the weights.
 
 use crate::baseline::law::{PathSample, SteeringLaw};
 use crate::baseline::settings::{BaselineError, all_positive};

@@ -1,6 +1,6 @@
-//! PID on the steering angle, the "common approach" of the paper's introduction: the bevel is turned into the direction
-//! of the curvature that a PID law on the lateral error asks for. The size of the curvature is the needle's own, so the tip zigzags around
-//! any path that bends less.
+//! PID on the steering angle, the "common approach" of the paper's introduction: the bevel is turned into the
+//! direction of the curvature that a PID law on the lateral error asks for. The size of the curvature is the needle's
+//! own, so the tip zigzags around any path that bends less.
 
 use crate::baseline::bevel::turn_rad;
 use crate::baseline::curvature_demand::{CurvatureDemand, LateralGains};

@@ -1,14 +1,16 @@
 //! Sliding-mode steering: insert, and turn the bevel toward the target as fast as allowed.
 //!
-//! After D. C. Rucker, J. Das, H. Gilbert, P. Swaney, M. Miga, N. Sarkar, R. Webster, "Sliding mode control of steerable needles",
-//! IEEE Trans. Robotics 29, 2013: a law that needs no parameter of the needle and has bounded inputs. In this crate's
-//! frame: the target q seen from the tip, the turn s = atan2(q_x, -q_y) that brings it into the plane of bending (the sliding surface is s = 0), and
+//! After D. C. Rucker, J. Das, H. Gilbert, P. Swaney, M. Miga, N. Sarkar, R. Webster, "Sliding mode control of
+//! steerable needles", IEEE Trans. Robotics 29, 2013: a law that needs no parameter of the needle and has bounded
+//! inputs. In this crate's frame: the target q seen from the tip, the turn s = atan2(q_x, -q_y) that brings it into
+//! the plane of bending (the sliding surface is s = 0), and
 //!
 //!   v = v_reference,    omega = lambda sat(s / phi),    sat(y) = y for |y| <= 1, else sign(y).
 //!
-//! phi = 0 would be the discontinuous law; the boundary layer phi replaces its chatter, which a sampled loop cannot perform. A path is followed as
-//! there, by a target that moves along it: the point of the path a fixed length ahead of the tip, beyond its end along the last tangent.
-//! Written from the paper's idea and conventions of this crate; its reachability proof is for targets, not for this look-ahead.
+//! phi = 0 would be the discontinuous law; the boundary layer phi replaces its chatter, which a sampled loop cannot
+//! perform. A path is followed as there, by a target that moves along it: the point of the path a fixed length ahead
+//! of the tip, beyond its end along the last tangent. Written from the paper's idea and conventions of this crate;
+//! its reachability proof is for targets, not for this look-ahead.
 
 use crate::baseline::bevel::turn_rad;
 use crate::baseline::law::{PathSample, SteeringLaw};

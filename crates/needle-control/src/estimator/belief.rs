@@ -1,9 +1,10 @@
 //! A Gaussian belief on SE(3) x curvature x lag: prediction and correction.
 //!
 //! The error is x = (log(g^-1 g_true), kappa_true - kappa, lag_true - lag). It is left-invariant, so the prediction
-//! P+ = A P A' + Q dt is exact in its pose block whatever the pose (A from [`LaggedState::linearise`]); a correction x^ is put into the state by g exp(x^)
-//! and the covariance follows the new origin through J_r(x^). Source of the method: J. Sola, "Quaternion kinematics for the error-state Kalman filter", 2017, with the
-//! SE(3) operators of [`needle_model::se3`].
+//! P+ = A P A' + Q dt is exact in its pose block whatever the pose (A from [`LaggedState::linearise`]); a correction
+//! x^ is put into the state by g exp(x^) and the covariance follows the new origin through J_r(x^). Source of the
+//! method: J. Sola, "Quaternion kinematics for the error-state Kalman filter", 2017, with the SE(3) operators of
+//! [`needle_model::se3`].
 
 use crate::estimator::observation::Innovation;
 use crate::estimator::settings::{FilterError, FilterSettings};
@@ -69,8 +70,8 @@ impl Belief {
         }
     }
 
-    /// Normalised error squared of a true state: chi-square distributed with 8 degrees of freedom when the belief is consistent.
-    /// `None` where the covariance is singular.
+    /// Normalised error squared of a true state: chi-square distributed with 8 degrees of freedom when the belief is
+    /// consistent. `None` where the covariance is singular.
     #[must_use]
     pub fn nees(&self, truth: &LaggedState) -> Option<f64> {
         let mut error = Error::zeros();

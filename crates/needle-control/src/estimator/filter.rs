@@ -1,7 +1,8 @@
 //! The filter in time: a memory of the last samples, so that an observation is put where it was taken, however late it comes.
 //!
-//! Each epoch keeps its input, its observation and the belief after it. A late observation becomes an epoch of its own; the
-//! beliefs after it are computed again. The result is that of observations in order, exactly, whatever the delays of the sensors.
+//! Each epoch keeps its input, its observation and the belief after it. A late observation becomes an epoch of its
+//! own; the beliefs after it are computed again. The result is that of observations in order, exactly, whatever the
+//! delays of the sensors.
 
 use crate::controller::Measurement;
 use crate::estimator::belief::{Belief, Correction};
@@ -99,8 +100,8 @@ impl NeedleFilter {
         })
     }
 
-    /// Moves on to `time_s`; `held` is the input applied since the last call. An input that is not a number counts as rest; where the
-    /// clock does not go forward, one sample of nominal length has passed.
+    /// Moves on to `time_s`; `held` is the input applied since the last call. An input that is not a number counts as
+    /// rest; where the clock does not go forward, one sample of nominal length has passed.
     pub fn advance(&mut self, held: Input, time_s: f64) {
         let elapsed_s = self.clock.tick(time_s).min(LONGEST_GAP_S);
         let usable = held.v_mm_s.is_finite() && held.omega_rad_s.is_finite();

@@ -1,8 +1,8 @@
 //! What a sensor says of the tip, linearised at a belief, and what the filter made of it.
 //!
-//! Both residuals are taken in the body frame of the estimate, where the error is: r = R'(p - p^) for a position, with
-//! r = I xi_linear to first order, and for a unit tangent t the rotation vector that takes the estimated tangent to it, (-y, x) a / sin a
-//! of R't = (x, y, z) at the angle a between them: r = (xi_4, xi_5). Roll enters neither.
+//! Both residuals are taken in the body frame of the estimate, where the error is: r = R'(p - p^) for a position,
+//! with r = I xi_linear to first order, and for a unit tangent t the rotation vector that takes the estimated tangent
+//! to it, (-y, x) a / sin a of R't = (x, y, z) at the angle a between them: r = (xi_4, xi_5). Roll enters neither.
 
 use crate::estimator::belief::ERROR_DIMENSION;
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
@@ -20,8 +20,8 @@ pub enum Observation {
 /// What the filter made of an observation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Verdict {
-    /// It corrected the estimate. The normalised innovation squared is chi-square distributed with 3 degrees of freedom for a position and 2
-    /// for a tangent when the filter is consistent.
+    /// It corrected the estimate. The normalised innovation squared is chi-square distributed with 3 degrees of
+    /// freedom for a position and 2 for a tangent when the filter is consistent.
     Accepted {
         /// Normalised innovation squared.
         nis: f64,
@@ -134,8 +134,8 @@ impl Gates {
 /// Beyond it a tail of three degrees of freedom is below the least number that is not zero.
 const LARGEST_GATE: f64 = 1500.0;
 
-/// Probability that |r|^2 > x for a standard normal r in three dimensions: the integral of sqrt(2 / pi) r^2 exp(-r^2 / 2) from sqrt(x) on, by
-/// Simpson's rule over a reach that leaves out less than 1e-17 of it.
+/// Probability that |r|^2 > x for a standard normal r in three dimensions: the integral of sqrt(2 / pi) r^2 exp(-r^2
+/// / 2) from sqrt(x) on, by Simpson's rule over a reach that leaves out less than 1e-17 of it.
 fn tail_of_three(x: f64) -> f64 {
     const INTERVALS: usize = 400;
     const REACH: f64 = 10.0;

@@ -91,7 +91,8 @@ fn lqr_brings_the_needle_back_to_an_executable_path_and_feed_forward_does_not() 
 #[test]
 fn feed_forward_alone_is_exact_when_the_plant_is_the_model() {
     // Point 12 of the audit: on its own model and start the reference's inputs have no error, but for the first
-    // samples, in which the needle gathers speed and lags behind. The path's shape needs v and omega in proportion, so limits that bind would show.
+    // samples, in which the needle gathers speed and lags behind. The path's shape needs v and omega in proportion,
+    // so limits that bind would show.
     let path = helix_path(2.0);
     let unlimited = InputLimits {
         v_rate_max_mm_s2: f64::INFINITY,

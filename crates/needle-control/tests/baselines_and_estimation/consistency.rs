@@ -74,7 +74,8 @@ struct Averages {
     refused: f64,
 }
 
-/// Truths drawn from the prior and the process noise that the filter believes in; tangents come at a third of the positions' rate.
+/// Truths drawn from the prior and the process noise that the filter believes in; tangents come at a third of the
+/// positions' rate.
 fn monte_carlo(settings: &FilterSettings) -> Averages {
     let torsion = settings.torsion.unwrap();
     let process = process_std(&settings.process) * DT_S.sqrt();
@@ -128,12 +129,13 @@ fn monte_carlo(settings: &FilterSettings) -> Averages {
 #[test]
 fn errors_are_as_large_as_the_filter_says() {
     let averages = monte_carlo(&settings());
-    // The mean of 300 chi-square variables of 8 degrees of freedom is 8 with a standard deviation of sqrt(16 / 300) = 0.23: four of them.
+    // The mean of 300 chi-square variables of 8 degrees of freedom is 8 with a standard deviation of sqrt(16 / 300) =
+    // 0.23: four of them.
     for (at, nees) in averages.nees.iter().enumerate() {
         assert!((nees - 8.0).abs() < 0.93, "NEES {at}: {:?}", averages.nees);
     }
-    // 45,000 positions (std of the mean 0.012) and 15,000 tangents (0.016); innovations of one run are independent. Five of them,
-    // and as much again for what linearisation leaves.
+    // 45,000 positions (std of the mean 0.012) and 15,000 tangents (0.016); innovations of one run are independent.
+    // Five of them, and as much again for what linearisation leaves.
     assert!(
         (averages.position_nis - 3.0).abs() < 0.12,
         "{}",

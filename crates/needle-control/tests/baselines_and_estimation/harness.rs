@@ -71,7 +71,8 @@ impl Mean {
     }
 }
 
-/// Runs the loop for 1.3 times the path's duration. `sense` makes the measurement from the true tip, the input held before and the time.
+/// Runs the loop for 1.3 times the path's duration. `sense` makes the measurement from the true tip, the input held
+/// before and the time.
 pub(crate) fn drive(
     controller: &mut dyn Controller,
     plant: &PhysicalNeedle,

@@ -2,6 +2,8 @@
 //! unwrap like the tests that call them.
 
 #[cfg(test)]
+mod adversity;
+#[cfg(test)]
 mod baselines;
 #[cfg(test)]
 mod consistency;
@@ -13,3 +15,5 @@ mod harness;
 mod offset_free;
 #[cfg(test)]
 mod survival;
+#[cfg(test)]
+mod watching;

@@ -28,8 +28,8 @@ fn controller(law: &str) -> Box<dyn Controller> {
     }
 }
 
-/// Means over the seeds: RMS distance over the second half of the path in mm, and the curvature found, as a share of the model's.
-/// Positions with 0.2 mm and tangents with 1 degree of noise at 10 Hz; roll is not seen.
+/// Means over the seeds: RMS distance over the second half of the path in mm, and the curvature found, as a share of
+/// the model's. Positions with 0.2 mm and tangents with 1 degree of noise at 10 Hz; roll is not seen.
 fn tracked(law: &str, factor: f64, learns: bool) -> (f64, f64) {
     let path = bent_path(0.5);
     let (mut late, mut found) = (0.0, 0.0);
