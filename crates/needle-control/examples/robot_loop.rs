@@ -1,6 +1,6 @@
 //! The loop that runs on a robot: estimator, controller, deadline. Replace `Robot` by yours; everything else stays.
 
-use nalgebra::{SVector, Vector3};
+use nalgebra::SVector;
 use needle_control::{
     Belief, Controller, FilterSettings, NeedleFilter, NmpcConfiguration, NmpcController,
     Observation, Origin, Survival,
@@ -19,10 +19,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = planned_path()?;
 
     // A plan that is not ready at the deadline is not applied: the controller falls back to the one before and says so.
-    let mut configuration = NmpcConfiguration::default();
-    configuration.survival = Survival {
+    let survival = Survival {
         deadline: Some(DEADLINE),
         ..Survival::default()
+    };
+    let configuration = NmpcConfiguration {
+        survival,
+        ..NmpcConfiguration::default()
     };
     let mut controller = NmpcController::new(needle, path, configuration)?;
 
@@ -42,8 +45,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     loop {
         let now_s = robot.now_s();
         filter.advance(held, now_s);
-        for (position_mm, taken_at_s) in robot.images() {
-            filter.observe(Observation::Position(position_mm), taken_at_s);
+        for (observation, taken_at_s) in robot.images() {
+            filter.observe(observation, taken_at_s);
         }
         let step = controller.step(&filter.measurement(), now_s);
         held = step.input;
@@ -82,7 +85,7 @@ fn planned_path() -> Result<ReferencePath, Box<dyn Error>> {
 struct Robot {
     plant: PhysicalNeedle,
     state: PhysicalState,
-    late: Vec<(Vector3<f64>, f64)>,
+    late: Vec<(Observation, f64)>,
     samples: u32,
 }
 
@@ -102,9 +105,13 @@ impl Robot {
         f64::from(self.samples) * SAMPLE_S
     }
 
-    fn images(&mut self) -> Vec<(Vector3<f64>, f64)> {
-        let now = (self.plant.tip(&self.state).position_mm, self.now_s());
-        std::mem::replace(&mut self.late, vec![now])
+    fn images(&mut self) -> Vec<(Observation, f64)> {
+        let (tip, now_s) = (self.plant.tip(&self.state), self.now_s());
+        let seen = vec![
+            (Observation::Position(tip.position_mm), now_s),
+            (Observation::Tangent(tip.tangent()), now_s),
+        ];
+        std::mem::replace(&mut self.late, seen)
     }
 
     fn apply(&mut self, input: Input) -> Result<(), Box<dyn Error>> {
