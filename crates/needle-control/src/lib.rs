@@ -7,6 +7,7 @@ mod estimator;
 mod limits;
 mod ltv;
 mod nmpc;
+mod reconstruction;
 mod sample_clock;
 mod survival;
 mod tracking;
@@ -28,5 +29,6 @@ pub use ltv::{
     TerminalChoice, TerminalError,
 };
 pub use nmpc::{Convergence, NmpcConfiguration, NmpcController, NmpcWeights, SpinTarget};
+pub use reconstruction::{ReconstructedPath, ReconstructionError, reconstruct_path};
 pub use survival::Survival;
 pub use tracking::Tracking;

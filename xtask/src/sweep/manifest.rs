@@ -6,8 +6,8 @@ use serde_json::{Map, Value, json};
 use std::process::Command;
 use std::time::Duration;
 
-/// The lock file that this program was built with.
-const LOCK_FILE: &str = include_str!("../../../Cargo.lock");
+/// The workspace's lock file. It is read when it is needed: the package of this crate is built without it.
+const LOCK_FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../Cargo.lock");
 /// The libraries whose version can change a figure.
 const LIBRARIES: [&str; 4] = ["clarabel", "faer", "nalgebra", "needle-sim"];
 
@@ -31,7 +31,7 @@ pub(super) fn encode(
         "git_revision": git(&["rev-parse", "HEAD"]),
         "git_uncommitted_changes": git(&["status", "--porcelain"]).map(|changes| !changes.is_empty()),
         "rustc": printed(Command::new("rustc").arg("--version")),
-        "libraries": LIBRARIES.iter().map(|name| (name.to_string(), locked_version(name))).collect::<Map<_, _>>(),
+        "libraries": libraries(),
         "solver": { "name": "clarabel", "start": "cold at every step", "factorisation": "qdldl" },
         "dt_s": DT_S,
         "files": files,
@@ -64,9 +64,18 @@ fn parameters(run: &PublishedRun) -> Value {
     }
 }
 
-fn locked_version(library: &str) -> Value {
+/// Version of each library, nothing where the lock file does not say.
+fn libraries() -> Map<String, Value> {
+    let locked = std::fs::read_to_string(LOCK_FILE).unwrap_or_default();
+    LIBRARIES
+        .iter()
+        .map(|name| ((*name).to_owned(), locked_version(&locked, name)))
+        .collect()
+}
+
+fn locked_version(locked: &str, library: &str) -> Value {
     let entry = format!("name = \"{library}\"\nversion = \"");
-    let version = LOCK_FILE
+    let version = locked
         .split_once(&entry)
         .and_then(|(_, rest)| rest.split('"').next());
     version.into()
@@ -97,14 +106,14 @@ mod tests {
 
     #[test]
     fn every_library_has_its_locked_version() {
-        for library in LIBRARIES {
+        for (library, version) in libraries() {
             assert!(
-                locked_version(library)
+                version
                     .as_str()
                     .is_some_and(|version| version.contains('.')),
                 "{library}"
             );
         }
-        assert!(locked_version("no-such-library").is_null());
+        assert!(locked_version("", "clarabel").is_null());
     }
 }

@@ -80,7 +80,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             .is_some_and(|limit| self.started.elapsed() >= limit)
     }
 
-    /// Writes the iterate; after a failure only if it is finite, else zeros.
+    /// Writes the iterate if it is finite, else zeros, which the residuals then refuse.
     fn write(&mut self, status: SolveStatus, solution: &mut Solution<NX, NU>) {
         if !status.has_solution() {
             self.stationary(1.0);
@@ -89,7 +89,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         for (to, from) in solution.multipliers.costates.iter_mut().zip(&self.costates) {
             *to = from * self.newton.cost_unit;
         }
-        if !status.has_solution() && !all_finite(solution) {
+        if !all_finite(solution) {
             self.newton.reset();
             self.newton.write(solution);
             solution

@@ -4,11 +4,9 @@
 //! homogeneous. Costates are not iterated: each solve yields them afresh, and the gradient is evaluated at the present point
 //! in every iteration, so rounding in one step is corrected by the next, like iterative refinement.
 
-use super::active::Verdict;
-use super::bounds::Reach;
 use super::channel::Channel;
 use super::cone::Cone;
-use super::kernel::{Lanes, Phase, add_product, dot, larger};
+use super::kernel::{Lanes, add_product, dot};
 use super::riccati::{Curvature, Gain, Stage, Value, backward, eliminate, forward};
 
 /// A general row's coefficients.

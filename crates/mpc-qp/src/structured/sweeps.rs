@@ -16,7 +16,7 @@ const OMEGA: f64 = 1e7;
 const WARM_SWEEPS: usize = 5;
 
 /// Sweeps of the cold attempt before the interior point.
-const COLD_SWEEPS: usize = 6;
+const COLD_SWEEPS: usize = 3;
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     /// Whether active-set sweeps can treat the problem: all but a soft ellipsoid.
@@ -88,7 +88,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 verdict = run(Settle(newton));
             }
             if verdict.changes == 0 {
-                if !(verdict.distance <= 0.1 * tolerance) {
+                if verdict.distance.is_nan() || verdict.distance > 0.1 * tolerance {
                     return false;
                 }
                 for channel in newton.channels() {

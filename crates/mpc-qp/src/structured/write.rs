@@ -78,7 +78,7 @@ fn scale_multipliers<const NX: usize, const NU: usize>(
         TerminalSetMultipliers::None => {}
         TerminalSetMultipliers::Equality(multiplier) => *multiplier *= factor,
         TerminalSetMultipliers::Polytope(multipliers) => {
-            multipliers.iter_mut().for_each(|z| *z *= factor)
+            multipliers.iter_mut().for_each(|z| *z *= factor);
         }
         TerminalSetMultipliers::Ellipsoid { radius, offset } => {
             *radius *= factor;
@@ -134,10 +134,10 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     fn write_fixed_multipliers(&self, solution: &mut Solution<NX, NU>) {
         let stages = &mut solution.multipliers.stages;
         write_fixed::<NU>(&self.inputs, |k, i, low, high| {
-            (stages[k].u_min[i], stages[k].u_max[i]) = (low, high)
+            (stages[k].u_min[i], stages[k].u_max[i]) = (low, high);
         });
         write_fixed::<NU>(&self.rates, |k, i, low, high| {
-            (stages[k].du_min[i], stages[k].du_max[i]) = (low, high)
+            (stages[k].du_min[i], stages[k].du_max[i]) = (low, high);
         });
         let terminal = &mut solution.multipliers.terminal;
         write_fixed::<NX>(&self.states, |k, i, low, high| {

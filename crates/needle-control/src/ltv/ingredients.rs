@@ -29,7 +29,12 @@ pub(crate) fn along_path(
     let mut refusal = None;
     for &choice in attempts {
         match attempt(needle, path, configuration, choice) {
-            Ok(ingredients) => return Ok(Chosen { choice, ingredients }),
+            Ok(ingredients) => {
+                return Ok(Chosen {
+                    choice,
+                    ingredients,
+                });
+            }
             Err(reason) => refusal = Some(reason),
         }
     }
@@ -68,7 +73,10 @@ pub(crate) fn of_straight_needle(
         // One pair at every step: chain and period have the same fixed point.
         choice => (choice, stationary()?),
     };
-    Ok(Chosen { choice, ingredients })
+    Ok(Chosen {
+        choice,
+        ingredients,
+    })
 }
 
 /// The stage weights as terminal weight, in the augmented state.
@@ -80,7 +88,8 @@ fn end_weight(configuration: &LinearConfiguration, coordinates: &[usize]) -> DMa
     let weights = &configuration.weights;
     let n = coordinates.len();
     let mut end = DMatrix::zeros(n + 2, n + 2);
-    end.view_mut((0, 0), (n, n)).copy_from(&weights.of_error(coordinates));
+    end.view_mut((0, 0), (n, n))
+        .copy_from(&weights.of_error(coordinates));
     end.view_mut((n, n), (2, 2)).copy_from(&weights.of_input());
     end
 }
@@ -125,7 +134,10 @@ fn attempt(
                 Ok(ingredients) => Ok(ingredients.until(inputs.len())),
                 Err(TerminalError::Straight(source)) => {
                     let report = ControllabilityReport::of_reference_input(needle, input)?;
-                    Err(TerminalError::Dare { report: Box::new(report), source })
+                    Err(TerminalError::Dare {
+                        report: Box::new(report),
+                        source,
+                    })
                 }
                 Err(other) => Err(other),
             }
@@ -162,7 +174,10 @@ fn repeats(inputs: &[Input], period: usize) -> Result<(), TerminalError> {
     }
     for (k, (now, later)) in inputs.iter().zip(inputs.iter().skip(period)).enumerate() {
         if !(same(now.v_mm_s, later.v_mm_s) && same(now.omega_rad_s, later.omega_rad_s)) {
-            return Err(TerminalError::NotPeriodic { step: k + period, period });
+            return Err(TerminalError::NotPeriodic {
+                step: k + period,
+                period,
+            });
         }
     }
     Ok(())

@@ -13,8 +13,10 @@ pub use configuration::{LinearConfiguration, LinearWeights};
 pub use terminal::{TerminalChoice, TerminalError};
 
 use crate::configuration::ConfigurationError;
-use crate::controller::{ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason};
-use crate::survival::{Guard, Sample};
+use crate::controller::{
+    ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
+};
+use crate::survival::{Guard, Sample, estimated_needle};
 use crate::tracking::{Tracker, link};
 use ingredients::Chosen;
 use lqr::Certificate;
@@ -80,7 +82,14 @@ impl<S: OcpSolver<8, 2>> LtvController<S> {
     ) -> Result<Self, ConfigurationError> {
         configuration.validate()?;
         let chosen = ingredients::along_path(needle, &path, &configuration)?;
-        Self::assemble(needle, path, configuration, ALL_COORDINATES, chosen, make_solver)
+        Self::assemble(
+            needle,
+            path,
+            configuration,
+            ALL_COORDINATES,
+            chosen,
+            make_solver,
+        )
     }
 }
 
@@ -112,7 +121,14 @@ impl<S: OcpSolver<4, 2>> StraightController<S> {
     ) -> Result<Self, ConfigurationError> {
         configuration.validate()?;
         let chosen = ingredients::of_straight_needle(needle, &path, &configuration)?;
-        Self::assemble(needle, path, configuration, DEPTH_AND_ROLL, chosen, make_solver)
+        Self::assemble(
+            needle,
+            path,
+            configuration,
+            DEPTH_AND_ROLL,
+            chosen,
+            make_solver,
+        )
     }
 }
 
@@ -122,10 +138,20 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         path: ReferencePath,
         configuration: LinearConfiguration,
         coordinates: &'static [usize],
-        Chosen { choice, ingredients }: Chosen,
+        Chosen {
+            choice,
+            ingredients,
+        }: Chosen,
         make_solver: impl FnMut(&OcpQp<NX, 2>) -> Result<S, SolveError>,
     ) -> Result<Self, ConfigurationError> {
-        let LinearConfiguration { horizon, dt_s, limits, tracking, survival, .. } = configuration;
+        let LinearConfiguration {
+            horizon,
+            dt_s,
+            limits,
+            tracking,
+            survival,
+            ..
+        } = configuration;
         let weights = &configuration.weights;
         let mut q = SMatrix::<f64, NX, NX>::zeros();
         for (i, &coordinate) in coordinates.iter().enumerate() {
@@ -173,8 +199,13 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         self.value
     }
 
-    fn decide(&mut self, measurement: &Measurement, time_s: f64, started: Instant) -> (Input, Origin) {
-        if let Some(needle) = measurement.curvature_per_mm.and_then(|k| Needle::new(k).ok()) {
+    fn decide(
+        &mut self,
+        measurement: &Measurement,
+        time_s: f64,
+        started: Instant,
+    ) -> (Input, Origin) {
+        if let Some(needle) = estimated_needle(&self.model, measurement) {
             self.needle = needle;
         }
         let sample = self.guard.accept(&self.needle, measurement, time_s);
@@ -202,7 +233,9 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
     /// Moves guesses and prediction by the whole steps that have passed since the last sample.
     fn shift(&mut self, elapsed_s: f64) {
         let (dt_s, horizon) = (self.configuration.dt_s, self.configuration.horizon);
-        let steps = ((self.lag_s + elapsed_s) / dt_s).round().clamp(0.0, horizon as f64);
+        let steps = ((self.lag_s + elapsed_s) / dt_s)
+            .round()
+            .clamp(0.0, horizon as f64);
         self.lag_s = (self.lag_s + elapsed_s - steps * dt_s).clamp(-dt_s, dt_s);
         self.regulator.shift(steps as usize);
         self.predicted.copy_within(steps as usize.., 0);
@@ -211,7 +244,8 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
     /// Solves from a pose; `None` without a usable answer.
     fn solve(&mut self, pose: &Pose, sample: &Sample) -> Option<Origin> {
         self.linearise().ok()?;
-        self.regulator.set_limits(&self.tracker.inputs, sample.reach_s);
+        self.regulator
+            .set_limits(&self.tracker.inputs, sample.reach_s);
         let xi = pose.error_from(&self.tracker.poses[0]);
         let mut error = SVector::<f64, NX>::zeros();
         for (i, &coordinate) in self.coordinates.iter().enumerate() {
@@ -223,11 +257,14 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
             previous.omega_rad_s - wanted.omega_rad_s,
         );
         let end_step = self.tracker.step() + self.configuration.horizon;
-        let answer = self.regulator.solve(&error, &previous, &self.ingredients, end_step);
+        let answer = self
+            .regulator
+            .solve(&error, &previous, &self.ingredients, end_step);
         self.statistics.status = Some(answer.status);
         self.statistics.solves += answer.solves;
         self.statistics.iterations += answer.iterations;
-        let usable = answer.status.has_solution() && self.regulator.solution().u[0].sum().is_finite();
+        let usable =
+            answer.status.has_solution() && self.regulator.solution().u[0].sum().is_finite();
         if !usable {
             return None;
         }
@@ -286,7 +323,10 @@ impl LinearWeights {
     /// Weight of the chosen coordinates of the error.
     fn of_error(&self, coordinates: &[usize]) -> DMatrix<f64> {
         let diagonal = coordinates.iter().map(|&i| self.error[i]);
-        DMatrix::from_diagonal(&nalgebra::DVector::from_iterator(coordinates.len(), diagonal))
+        DMatrix::from_diagonal(&nalgebra::DVector::from_iterator(
+            coordinates.len(),
+            diagonal,
+        ))
     }
 }
 

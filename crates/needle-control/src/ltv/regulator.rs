@@ -11,8 +11,8 @@ use super::terminal::Ingredients;
 use crate::configuration::ConfigurationError;
 use crate::limits::InputLimits;
 use mpc_qp::{
-    OcpQp, OcpSolver, Solution, SolveError, SolveStatus, SolverSettings, Stage, Start, StructuredSolver,
-    Terminal, TerminalSet,
+    OcpQp, OcpSolver, Solution, SolveError, SolveStatus, SolverSettings, Stage, Start,
+    StructuredSolver, Terminal, TerminalSet,
 };
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use needle_model::Input;
@@ -62,7 +62,9 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Program<S, NX> {
     }
 
     fn solve(&mut self) -> (SolveStatus, usize) {
-        let solved = self.solver.solve(&self.problem, self.start, &mut self.solution);
+        let solved = self
+            .solver
+            .solve(&self.problem, self.start, &mut self.solution);
         let status = match solved {
             Ok(()) => self.solution.status,
             Err(_) => SolveStatus::NumericalTrouble,
@@ -104,10 +106,19 @@ pub(crate) fn weighted_stage<const NX: usize>(
 ) -> Stage<NX, 2> {
     let mut stage = Stage::new(SMatrix::zeros(), SMatrix::zeros());
     stage.q = *q;
-    stage.q.fixed_view_mut::<2, 2>(NX - 2, NX - 2).copy_from(r_rate);
+    stage
+        .q
+        .fixed_view_mut::<2, 2>(NX - 2, NX - 2)
+        .copy_from(r_rate);
     stage.r = r + r_rate;
-    stage.s.fixed_view_mut::<2, 2>(NX - 2, 0).copy_from(&-r_rate);
-    stage.b.fixed_view_mut::<2, 2>(NX - 2, 0).fill_with_identity();
+    stage
+        .s
+        .fixed_view_mut::<2, 2>(NX - 2, 0)
+        .copy_from(&-r_rate);
+    stage
+        .b
+        .fixed_view_mut::<2, 2>(NX - 2, 0)
+        .fill_with_identity();
     stage
 }
 
@@ -165,7 +176,11 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Regulator<S, NX> {
         let rate = Vector2::new(limits.v_rate_max_mm_s2, limits.omega_rate_max_rad_s2);
         for (k, stage) in self.stages.iter_mut().enumerate() {
             let here = vector(&wanted[k]);
-            let change = if k == 0 { Vector2::zeros() } else { here - vector(&wanted[k - 1]) };
+            let change = if k == 0 {
+                Vector2::zeros()
+            } else {
+                here - vector(&wanted[k - 1])
+            };
             let reach = rate * if k == 0 { reach_s } else { self.dt_s };
             stage.u_min = lower - here;
             stage.u_max = upper - here;
@@ -199,9 +214,17 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Regulator<S, NX> {
                 center: SVector::zeros(),
                 level,
             };
-            if program.load(&state, previous, &self.stages, &self.terminal).is_ok() {
+            if program
+                .load(&state, previous, &self.stages, &self.terminal)
+                .is_ok()
+            {
                 let (status, iterations) = program.solve();
-                answer = Answer { status, solves: 1, iterations, violation: 0.0 };
+                answer = Answer {
+                    status,
+                    solves: 1,
+                    iterations,
+                    violation: 0.0,
+                };
                 if status.has_solution() || status == SolveStatus::TimeLimit {
                     return answer;
                 }
@@ -209,7 +232,9 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Regulator<S, NX> {
         }
         self.degraded = true;
         self.terminal.set = TerminalSet::None;
-        let loaded = self.without.load(&state, previous, &self.stages, &self.terminal);
+        let loaded = self
+            .without
+            .load(&state, previous, &self.stages, &self.terminal);
         if loaded.is_err() {
             answer.status = SolveStatus::NumericalTrouble;
             return answer;
@@ -251,6 +276,12 @@ pub(crate) fn structured<const NX: usize>(
 ) -> impl FnMut(&OcpQp<NX, 2>) -> Result<StructuredSolver<NX, 2>, SolveError> {
     move |problem| {
         let time_limit = deadline;
-        StructuredSolver::new(problem, SolverSettings { time_limit, ..SolverSettings::default() })
+        StructuredSolver::new(
+            problem,
+            SolverSettings {
+                time_limit,
+                ..SolverSettings::default()
+            },
+        )
     }
 }

@@ -7,9 +7,9 @@
 use crate::limits::InputLimits;
 use faer::Mat;
 use lqr::{
-    BackwardChain, Certificate, ChainClaim, ChainClaimError, ChainError, Constraint, ConstraintError,
-    Constraints, Dare, DareError, InputError, PeriodicSolution, RateAugmented, TerminalClaim,
-    TerminalSetError,
+    BackwardChain, Certificate, ChainClaim, ChainClaimError, ChainError, Constraint,
+    ConstraintError, Constraints, Dare, DareError, InputError, PeriodicSolution, RateAugmented,
+    TerminalClaim, TerminalSetError,
 };
 use nalgebra::{DMatrix, Matrix2};
 use needle_model::{ControllabilityError, ControllabilityReport, Input, StepError};
@@ -80,7 +80,9 @@ pub enum TerminalError {
         most: usize,
     },
     /// The path's time step is not the controller's.
-    #[error("terminal ingredients need the path's time step {path_dt_s} s to be the controller's, {dt_s} s")]
+    #[error(
+        "terminal ingredients need the path's time step {path_dt_s} s to be the controller's, {dt_s} s"
+    )]
     TimeStep {
         /// Of the path.
         path_dt_s: f64,
@@ -163,7 +165,9 @@ pub(crate) fn deviation_limits(
     let v: &dyn Fn(&Input) -> f64 = &|u| u.v_mm_s;
     let omega: &dyn Fn(&Input) -> f64 = &|u| u.omega_rad_s;
     let change = |of: &dyn Fn(&Input) -> f64| {
-        let steps = inputs.windows(2).map(|pair| (of(&pair[1]) - of(&pair[0])).abs());
+        let steps = inputs
+            .windows(2)
+            .map(|pair| (of(&pair[1]) - of(&pair[0])).abs());
         steps.fold(0.0, f64::max)
     };
     let lower = [
@@ -254,7 +258,12 @@ impl Ingredients {
 
     fn of_claim(mut claim: ChainClaim, periodic: bool) -> Self {
         // Nothing limits the last set of a chain but its own stage; an infinite level is no level.
-        let largest = claim.levels.iter().copied().filter(|c| c.is_finite()).fold(0.0, f64::max);
+        let largest = claim
+            .levels
+            .iter()
+            .copied()
+            .filter(|c| c.is_finite())
+            .fold(0.0, f64::max);
         for level in &mut claim.levels {
             *level = level.min(largest);
         }
@@ -341,9 +350,17 @@ impl Uncrossed {
         let mut shifted = Constraints::new(self.a.nrows(), 2);
         for row in augmented.rows() {
             let on_x = (0..self.a.nrows())
-                .map(|j| row.on_x[j] - (0..2).map(|i| row.on_u[i] * self.shift[(i, j)]).sum::<f64>())
+                .map(|j| {
+                    row.on_x[j]
+                        - (0..2)
+                            .map(|i| row.on_u[i] * self.shift[(i, j)])
+                            .sum::<f64>()
+                })
                 .collect();
-            shifted = shifted.with(Constraint { on_x, ..row.clone() })?;
+            shifted = shifted.with(Constraint {
+                on_x,
+                ..row.clone()
+            })?;
         }
         Ok(shifted)
     }

@@ -38,7 +38,7 @@ impl Default for NmpcWeights {
             tangent: 25.0,
             roll: 0.0,
             v: 1.0,
-            omega: 4e-5,
+            omega: 4.5e-5,
             end_position: 1.0,
             end_tangent: 25.0,
             end_roll: 0.0,
@@ -154,7 +154,11 @@ mod tests {
             let cost = |s: f64| weights.of_pose(&pose.perturbed(&Vector6::ith(i, s)), &reference);
             let slope = 0.5 * (cost(h) - cost(-h)) / (2.0 * h);
             // Central differences: h^2 times third derivatives of order 25.
-            assert!((gradient[i] - slope).abs() < 1e-7, "{i}: {} {slope}", gradient[i]);
+            assert!(
+                (gradient[i] - slope).abs() < 1e-7,
+                "{i}: {} {slope}",
+                gradient[i]
+            );
         }
     }
 

@@ -13,8 +13,10 @@ pub use configuration::{Convergence, NmpcConfiguration, SpinTarget};
 pub use cost::NmpcWeights;
 
 use crate::configuration::ConfigurationError;
-use crate::controller::{ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason};
-use crate::survival::{Guard, Sample};
+use crate::controller::{
+    ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
+};
+use crate::survival::{Guard, Sample, estimated_needle};
 use crate::tracking::Tracker;
 use mpc_qp::{OcpQp, OcpSolver, SolveError, SolveStatus, SolverSettings, StructuredSolver};
 use needle_model::{Input, Needle, Pose, ReferencePath};
@@ -103,8 +105,13 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         self.tracker.path()
     }
 
-    fn decide(&mut self, measurement: &Measurement, time_s: f64, started: Instant) -> (Input, Origin) {
-        if let Some(needle) = measurement.curvature_per_mm.and_then(|k| Needle::new(k).ok()) {
+    fn decide(
+        &mut self,
+        measurement: &Measurement,
+        time_s: f64,
+        started: Instant,
+    ) -> (Input, Origin) {
+        if let Some(needle) = estimated_needle(&self.model, measurement) {
             self.needle = needle;
         }
         let sample = self.guard.accept(&self.needle, measurement, time_s);
@@ -138,12 +145,24 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         self.planned = Some(lag_s + elapsed_s - steps * dt_s);
         self.shooting.shift_guess(steps as usize);
         let first = self.shooting.plan.shift(steps as usize);
-        let spin: f64 = self.shooting.plan.inputs[..first].iter().map(|u| u.omega_rad_s).sum();
-        let sense = if spin < 0.0 { Sense::Negative } else { Sense::Positive };
+        let spin: f64 = self.shooting.plan.inputs[..first]
+            .iter()
+            .map(|u| u.omega_rad_s)
+            .sum();
+        let sense = if spin < 0.0 {
+            Sense::Negative
+        } else {
+            Sense::Positive
+        };
         let (law, needle, tracker) = (self.law(), self.needle, &self.tracker);
-        fill(&mut self.shooting.plan, first, &needle, tracker, |pose, k| {
-            law.input(&needle, tracker, pose, k, sense)
-        }, dt_s);
+        fill(
+            &mut self.shooting.plan,
+            first,
+            &needle,
+            tracker,
+            |pose, k| law.input(&needle, tracker, pose, k, sense),
+            dt_s,
+        );
     }
 
     fn law(&self) -> SpinLaw {
@@ -160,10 +179,13 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         }
         self.shooting.plan.embed(pose);
         let good = match self.configuration.convergence {
-            Convergence::RealTime => self.solve(sample).has_solution() && self.shooting.take_full_step(),
-            Convergence::Full { tolerance, max_iterations } => {
-                self.converge(sample, started, tolerance, max_iterations)
+            Convergence::RealTime => {
+                self.solve(sample).has_solution() && self.shooting.take_full_step()
             }
+            Convergence::Full {
+                tolerance,
+                max_iterations,
+            } => self.converge(sample, started, tolerance, max_iterations),
         };
         if !good {
             // A plan that led nowhere is no guess for the next sample.
@@ -176,7 +198,8 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
     fn solve(&mut self, sample: &Sample) -> SolveStatus {
         let previous = self.guard.previous();
         let (status, iterations) =
-            self.shooting.solve(&self.needle, &self.tracker, previous, sample.reach_s);
+            self.shooting
+                .solve(&self.needle, &self.tracker, previous, sample.reach_s);
         self.statistics.status = Some(status);
         self.statistics.solves += 1;
         self.statistics.iterations += iterations;
@@ -214,18 +237,29 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
             self.shooting.forget();
             let tracker = &self.tracker;
             self.shooting.plan.poses[0] = *pose;
-            fill(&mut self.shooting.plan, 0, &needle, tracker, |pose, k| match sense {
-                Some(sense) => law.input(&needle, tracker, pose, k, sense),
-                None => tracker.inputs[k],
-            }, dt_s);
+            fill(
+                &mut self.shooting.plan,
+                0,
+                &needle,
+                tracker,
+                |pose, k| match sense {
+                    Some(sense) => law.input(&needle, tracker, pose, k, sense),
+                    None => tracker.inputs[k],
+                },
+                dt_s,
+            );
             if !self.converge(sample, started, 1e-6, self.configuration.start_iterations) {
                 continue;
             }
             let cost = self.shooting.cost(&self.shooting.plan, &self.tracker);
             if cost < best {
                 best = cost;
-                self.candidate.poses.copy_from_slice(&self.shooting.plan.poses);
-                self.candidate.inputs.copy_from_slice(&self.shooting.plan.inputs);
+                self.candidate
+                    .poses
+                    .copy_from_slice(&self.shooting.plan.poses);
+                self.candidate
+                    .inputs
+                    .copy_from_slice(&self.shooting.plan.inputs);
             }
         }
         std::mem::swap(&mut self.shooting.plan, &mut self.candidate);
@@ -237,14 +271,24 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
 
 impl SpinLaw {
     /// The guess of stage `k` from `pose`: the reference's speed and the guessed spin.
-    fn input(&self, needle: &Needle, tracker: &Tracker, pose: &Pose, k: usize, sense: Sense) -> Input {
+    fn input(
+        &self,
+        needle: &Needle,
+        tracker: &Tracker,
+        pose: &Pose,
+        k: usize,
+        sense: Sense,
+    ) -> Input {
         let v_mm_s = tracker.inputs[k].v_mm_s;
         // Rotation at rest bends nothing.
         let omega_rad_s = match v_mm_s == 0.0 {
             true => 0.0,
             false => self.omega_rad_s(needle, pose, &tracker.bending_per_mm(k), sense),
         };
-        Input { v_mm_s, omega_rad_s }
+        Input {
+            v_mm_s,
+            omega_rad_s,
+        }
     }
 }
 

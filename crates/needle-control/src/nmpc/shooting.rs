@@ -148,7 +148,9 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
         let stages: f64 = (0..n)
             .map(|k| {
                 running.of_pose(&plan.poses[k], &tracker.poses[k])
-                    + self.weights.of_input(plan.inputs[k], self.wanted(tracker, k))
+                    + self
+                        .weights
+                        .of_input(plan.inputs[k], self.wanted(tracker, k))
             })
             .sum();
         stages + end.of_pose(&plan.poses[n], &tracker.poses[n])
@@ -189,8 +191,10 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
             self.problem.set_stage(k, stage)?;
         }
         self.stage.du_max = held;
-        (self.terminal.p_linear, self.terminal.p) =
-            self.weights.end().model(&self.plan.poses[n], &tracker.poses[n]);
+        (self.terminal.p_linear, self.terminal.p) = self
+            .weights
+            .end()
+            .model(&self.plan.poses[n], &tracker.poses[n]);
         self.terminal.p[(5, 5)] += hold;
         self.problem.set_terminal(&self.terminal)?;
         Ok(())
@@ -235,7 +239,10 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
     /// Moves the plan along the step as far as the exact penalty function falls enough; false if nowhere.
     pub(crate) fn search(&mut self, needle: &Needle, tracker: &Tracker) -> bool {
         let costates = &self.solution.multipliers.costates;
-        let dual = costates.iter().map(|y| y.amax()).fold(0.0, f64::max);
+        let dual = costates
+            .iter()
+            .map(nalgebra::Matrix::amax)
+            .fold(0.0, f64::max);
         // Costates belong to half the cost; twice that bounds the multipliers of the cost itself.
         self.penalty = self.penalty.max(3.0 * dual);
         let gap = self.gap(&self.plan, needle);
@@ -244,7 +251,8 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
         for halvings in 0..LINE_SEARCH_STEPS {
             let length = 0.5_f64.powi(halvings);
             self.try_step(length);
-            let trial = self.cost(&self.trial, tracker) + self.penalty * self.gap(&self.trial, needle);
+            let trial =
+                self.cost(&self.trial, tracker) + self.penalty * self.gap(&self.trial, needle);
             let rounding = 1e-12 * merit.abs();
             if trial <= merit + SUFFICIENT_DECREASE * length * slope.min(0.0) + rounding {
                 std::mem::swap(&mut self.plan, &mut self.trial);
@@ -256,10 +264,17 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
 
     /// Largest entry of the step in poses and inputs.
     pub(crate) fn step_size(&self) -> f64 {
-        let poses = self.solution.x.iter().map(|x| x.amax());
-        let inputs = self.solution.u.iter().zip(&self.plan.inputs).map(|(u, planned)| {
-            (u[0] - planned.v_mm_s).abs().max((u[1] - planned.omega_rad_s).abs())
-        });
+        let poses = self.solution.x.iter().map(nalgebra::Matrix::amax);
+        let inputs = self
+            .solution
+            .u
+            .iter()
+            .zip(&self.plan.inputs)
+            .map(|(u, planned)| {
+                (u[0] - planned.v_mm_s)
+                    .abs()
+                    .max((u[1] - planned.omega_rad_s).abs())
+            });
         poses.chain(inputs).fold(0.0, f64::max)
     }
 
@@ -272,7 +287,10 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
             let (from, to) = (plan.inputs[k], &solution.u[k]);
             // At full length the solver's own number, without rounding beyond a bound.
             *input = if length == 1.0 {
-                Input { v_mm_s: to[0], omega_rad_s: to[1] }
+                Input {
+                    v_mm_s: to[0],
+                    omega_rad_s: to[1],
+                }
             } else {
                 Input {
                     v_mm_s: from.v_mm_s + length * (to[0] - from.v_mm_s),
@@ -286,7 +304,11 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
     fn gap(&self, plan: &Plan, needle: &Needle) -> f64 {
         let step = |k: usize| needle.step(&plan.poses[k], plan.inputs[k], self.dt_s);
         (0..plan.inputs.len())
-            .map(|k| step(k).map_or(f64::INFINITY, |g| g.error_from(&plan.poses[k + 1]).lp_norm(1)))
+            .map(|k| {
+                step(k).map_or(f64::INFINITY, |g| {
+                    g.error_from(&plan.poses[k + 1]).lp_norm(1)
+                })
+            })
             .sum()
     }
 
@@ -296,9 +318,14 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
         let weights = &self.weights;
         let mut slope = 0.0;
         for k in 0..n {
-            let (gradient, _) = weights.running().model(&self.plan.poses[k], &tracker.poses[k]);
-            let (wanted, input, to) =
-                (self.wanted(tracker, k), self.plan.inputs[k], &self.solution.u[k]);
+            let (gradient, _) = weights
+                .running()
+                .model(&self.plan.poses[k], &tracker.poses[k]);
+            let (wanted, input, to) = (
+                self.wanted(tracker, k),
+                self.plan.inputs[k],
+                &self.solution.u[k],
+            );
             slope += gradient.dot(&self.solution.x[k])
                 + weights.v * (input.v_mm_s - wanted.v_mm_s) * (to[0] - input.v_mm_s)
                 + weights.omega

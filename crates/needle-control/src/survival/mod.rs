@@ -173,10 +173,7 @@ impl Guard {
     /// Forgets the plan and brings the needle to rest.
     pub(crate) fn stop(&mut self, sample: &Sample, reason: StopReason) -> (Input, Origin) {
         self.plan.clear();
-        (
-            self.apply(Input::ZERO, sample),
-            Origin::Stop { reason },
-        )
+        (self.apply(Input::ZERO, sample), Origin::Stop { reason })
     }
 
     /// As newly made.
@@ -195,6 +192,17 @@ impl Guard {
             .deadline
             .is_some_and(|deadline| spent > deadline)
     }
+}
+
+/// Largest estimate of curvature that is believed, as a multiple of the model's.
+const MOST_CURVATURE: f64 = 10.0;
+
+/// The needle of an estimated curvature; `None` where there is no estimate, or one that is no needle like the model.
+pub(crate) fn estimated_needle(model: &Needle, measurement: &Measurement) -> Option<Needle> {
+    measurement
+        .curvature_per_mm
+        .filter(|estimate| *estimate <= MOST_CURVATURE * model.curvature_per_mm())
+        .and_then(|estimate| Needle::new(estimate).ok())
 }
 
 /// The pose with a unit quaternion; `None` where a coordinate is not finite or the rotation is none.

@@ -42,11 +42,17 @@ mod tests {
     fn link_is_the_step_residual_solved_for_its_target() {
         let needle = Needle::new(1.0 / 150.0).unwrap();
         let pose = Pose::exp(&Vector6::new(1.0, -2.0, 3.0, 0.4, -0.2, 0.9));
-        let input = Input { v_mm_s: 5.0, omega_rad_s: -3.0 };
+        let input = Input {
+            v_mm_s: 5.0,
+            omega_rad_s: -3.0,
+        };
         let off = Vector6::new(0.1, -0.2, 0.15, 0.05, -0.1, 0.2);
         let next = needle.step(&pose, input, 0.1).unwrap().perturbed(&off);
         let ours = link(&needle, &pose, input, &next, 0.1).unwrap();
-        let model = needle.step_residual(&pose, input, &next, 0.1).unwrap().solved_for_target();
+        let model = needle
+            .step_residual(&pose, input, &next, 0.1)
+            .unwrap()
+            .solved_for_target();
         // Closed forms of the same matrices; entries are of order one, so rounding is about 1e-15 a product.
         assert!((ours.a - model.a).amax() < 1e-13);
         assert!((ours.b - model.b).amax() < 1e-13);

@@ -108,7 +108,11 @@ impl Tracker {
         let ahead_mm = (position_mm - nearest.position_mm).dot(&nearest.tangent());
         let speed_mm_s = path
             .inputs()
-            .get(if ahead_mm < 0.0 { step.saturating_sub(1) } else { step })
+            .get(if ahead_mm < 0.0 {
+                step.saturating_sub(1)
+            } else {
+                step
+            })
             .map_or(0.0, |u| u.v_mm_s.abs());
         let correction_s = if speed_mm_s > 0.0 {
             (ahead_mm / speed_mm_s).clamp(-path.dt_s(), path.dt_s())

@@ -12,6 +12,8 @@ mod estimation;
 #[cfg(test)]
 mod harness;
 #[cfg(test)]
+mod memory;
+#[cfg(test)]
 mod offset_free;
 #[cfg(test)]
 mod survival;

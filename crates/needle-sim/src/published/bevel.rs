@@ -1,6 +1,7 @@
 //! The bevelled needle as published: state (x mm, y cm, z cm, alpha, beta, gamma), input (v m/s, omega rad/s).
 
-use super::horizon::{DEGREE, Horizon, HorizonSolver};
+use super::closed_loop::{PublishedNeedle, closed_loop};
+use super::horizon::{DEGREE, Horizon};
 use super::{DT_S, PublishedError, check_horizon, nearest};
 use crate::log::{LogRow, RunLog};
 use nalgebra::{Matrix2, Matrix6, Matrix6x2, Vector2, Vector3, Vector6};
@@ -143,27 +144,13 @@ fn nearest_point(path: &[PathPoint], state: &Vector6<f64>) -> usize {
     nearest(&positions, &state.fixed_rows::<3>(0).into())
 }
 
-fn horizon(settings: &BevelSettings, path: &[PathPoint], state: &Vector6<f64>) -> Horizon<6> {
-    let columns = window(path, nearest_point(path, state), settings.horizon);
-    let (a, b) = prediction(&columns[0]);
-    let states: Vec<_> = columns.iter().map(|point| point.state).collect();
-    Horizon {
-        a,
-        b,
-        q: Matrix6::from_diagonal(&settings.q_diagonal.into()),
-        r: Matrix2::from_diagonal(&settings.r_diagonal.into()),
-        targets: states.clone(),
-        states,
-        inputs: columns.iter().map(|point| point.input).collect(),
-    }
-}
-
 /// The published bevel reference as a run.
 #[must_use]
 pub fn bevel_reference() -> RunLog {
     let rows = reference_points().into_iter().enumerate();
-    let rows =
-        rows.map(|(step, point)| row(step, &point.state, (step > 0).then_some(&point.input)));
+    let rows = rows.map(|(step, point)| {
+        BevelNeedle::row(step, &point.state, (step > 0).then_some(&point.input))
+    });
     RunLog {
         run: "reference".into(),
         dt_s: DT_S,
@@ -176,27 +163,12 @@ pub fn bevel_reference() -> RunLog {
 /// # Errors
 /// [`PublishedError`] if the settings make no valid program.
 pub fn run_bevel(run: &str, settings: &BevelSettings) -> Result<RunLog, PublishedError> {
-    let path = reference_points();
     check_horizon(settings.horizon, CRUISE_STEPS + BRAKE_STEPS)?;
-    let mut solver = HorizonSolver::new(settings.tolerance);
-    let mut state = Vector6::zeros();
-    let mut rows = vec![with_reference(row(0, &state, None), &path, &state)];
-    for step in 0..CLOSED_LOOP_STEPS {
-        let horizon = horizon(settings, &path, &state);
-        let answer = solver.first_input(step, &horizon, state)?;
-        // A failed solve moves nothing.
-        let input = answer
-            .u
-            .map_or_else(Vector2::zeros, |u| u + horizon.inputs[0]);
-        state = plant(&state, &input);
-        let row = answer.recorded_in(row(step + 1, &state, Some(&input)));
-        rows.push(with_reference(row, &path, &state));
-    }
-    Ok(RunLog {
-        run: run.into(),
-        dt_s: DT_S,
-        rows,
-    })
+    let needle = BevelNeedle {
+        settings,
+        path: reference_points(),
+    };
+    closed_loop(run, &needle, settings.tolerance, CLOSED_LOOP_STEPS)
 }
 
 /// Millimetres of a position in the program's scaled rows.
@@ -208,31 +180,61 @@ fn position_mm(state: &Vector6<f64>) -> [f64; 3] {
     ]
 }
 
-fn row(step: usize, state: &Vector6<f64>, input: Option<&Vector2<f64>>) -> LogRow {
-    let [x_mm, y_mm, z_mm] = position_mm(state).map(Some);
-    LogRow {
-        step,
-        time_s: step as f64 * DT_S,
-        x_mm,
-        y_mm,
-        z_mm,
-        alpha_rad: Some(state[3]),
-        beta_rad: Some(state[4]),
-        gamma_rad: Some(state[5]),
-        v_mm_s: input.map(|u| u[0] * 1000.0),
-        omega_rad_s: input.map(|u| u[1]),
-        ..LogRow::default()
-    }
+struct BevelNeedle<'a> {
+    settings: &'a BevelSettings,
+    path: Vec<PathPoint>,
 }
 
-fn with_reference(row: LogRow, path: &[PathPoint], state: &Vector6<f64>) -> LogRow {
-    let index = nearest_point(path, state);
-    let [ref_x_mm, ref_y_mm, ref_z_mm] = position_mm(&path[index].state).map(Some);
-    LogRow {
-        ref_x_mm,
-        ref_y_mm,
-        ref_z_mm,
-        nearest: Some(index),
-        ..row
+impl PublishedNeedle<6> for BevelNeedle<'_> {
+    fn horizon(&self, state: &Vector6<f64>) -> Horizon<6> {
+        let columns = window(
+            &self.path,
+            nearest_point(&self.path, state),
+            self.settings.horizon,
+        );
+        let (a, b) = prediction(&columns[0]);
+        let states: Vec<_> = columns.iter().map(|point| point.state).collect();
+        Horizon {
+            a,
+            b,
+            q: Matrix6::from_diagonal(&self.settings.q_diagonal.into()),
+            r: Matrix2::from_diagonal(&self.settings.r_diagonal.into()),
+            targets: states.clone(),
+            states,
+            inputs: columns.iter().map(|point| point.input).collect(),
+        }
+    }
+
+    fn advance(&self, state: &Vector6<f64>, input: &Vector2<f64>) -> Vector6<f64> {
+        plant(state, input)
+    }
+
+    fn row(step: usize, state: &Vector6<f64>, input: Option<&Vector2<f64>>) -> LogRow {
+        let [x_mm, y_mm, z_mm] = position_mm(state).map(Some);
+        LogRow {
+            step,
+            time_s: step as f64 * DT_S,
+            x_mm,
+            y_mm,
+            z_mm,
+            alpha_rad: Some(state[3]),
+            beta_rad: Some(state[4]),
+            gamma_rad: Some(state[5]),
+            v_mm_s: input.map(|u| u[0] * 1000.0),
+            omega_rad_s: input.map(|u| u[1]),
+            ..LogRow::default()
+        }
+    }
+
+    fn with_reference(&self, row: LogRow, state: &Vector6<f64>) -> LogRow {
+        let index = nearest_point(&self.path, state);
+        let [ref_x_mm, ref_y_mm, ref_z_mm] = position_mm(&self.path[index].state).map(Some);
+        LogRow {
+            ref_x_mm,
+            ref_y_mm,
+            ref_z_mm,
+            nearest: Some(index),
+            ..row
+        }
     }
 }

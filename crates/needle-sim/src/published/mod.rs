@@ -14,6 +14,7 @@
 //! come out are in mm.
 
 mod bevel;
+mod closed_loop;
 mod horizon;
 mod sets;
 mod straight;

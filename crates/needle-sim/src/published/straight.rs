@@ -1,6 +1,7 @@
 //! The straight needle (kappa = 0) as published: state (z, gamma) in metres and radians, A = I, B = dt I.
 
-use super::horizon::{DEGREE, Horizon, HorizonSolver};
+use super::closed_loop::{PublishedNeedle, closed_loop};
+use super::horizon::{DEGREE, Horizon};
 use super::{DT_S, PublishedError, check_horizon, nearest};
 use crate::log::{LogRow, RunLog};
 use nalgebra::{Matrix2, Vector2};
@@ -55,13 +56,13 @@ fn reference_states() -> Vec<Vector2<f64>> {
 /// The published straight reference as a run: the start, then its 100 states.
 #[must_use]
 pub fn straight_reference() -> RunLog {
-    let start = row(0, &Vector2::zeros(), None);
+    let start = StraightNeedle::row(0, &Vector2::zeros(), None);
     let later = reference_states()
         .into_iter()
         .zip(reference_inputs())
         .enumerate();
     let rows = std::iter::once(start)
-        .chain(later.map(|(i, (state, input))| row(i + 1, &state, Some(&input))));
+        .chain(later.map(|(i, (state, input))| StraightNeedle::row(i + 1, &state, Some(&input))));
     RunLog {
         run: "reference".into(),
         dt_s: DT_S,
@@ -74,61 +75,60 @@ pub fn straight_reference() -> RunLog {
 /// # Errors
 /// [`PublishedError`] if the settings make no valid program.
 pub fn run_straight(run: &str, settings: &StraightSettings) -> Result<RunLog, PublishedError> {
-    let path = reference_states();
     check_horizon(settings.horizon, CRUISE_STEPS + BRAKE_STEPS)?;
-    let mut solver = HorizonSolver::new(settings.tolerance);
-    let mut state = Vector2::zeros();
-    let mut rows = vec![with_reference(row(0, &state, None), &path, &state)];
-    for step in 0..CLOSED_LOOP_STEPS {
-        let answer = solver.first_input(step, &horizon(settings, &path, &state), state)?;
-        // A failed solve moves nothing.
-        let input = answer.u.unwrap_or_default();
-        state += DT_S * input;
-        let row = answer.recorded_in(row(step + 1, &state, Some(&input)));
-        rows.push(with_reference(row, &path, &state));
-    }
-    Ok(RunLog {
-        run: run.into(),
-        dt_s: DT_S,
-        rows,
-    })
+    let needle = StraightNeedle {
+        settings,
+        path: reference_states(),
+    };
+    closed_loop(run, &needle, settings.tolerance, CLOSED_LOOP_STEPS)
 }
 
-fn horizon(settings: &StraightSettings, path: &[Vector2<f64>], state: &Vector2<f64>) -> Horizon<2> {
-    let (first, last) = (nearest(path, state), path.len() - 1);
-    let columns = 0..=settings.horizon;
-    Horizon {
-        a: Matrix2::identity(),
-        b: Matrix2::identity() * DT_S,
-        q: Matrix2::from_diagonal(&settings.q_diagonal.into()),
-        r: Matrix2::from_diagonal(&settings.r_diagonal.into()),
-        states: columns
-            .clone()
-            .map(|i| path[(first + i).min(last)])
-            .collect(),
-        inputs: columns.clone().map(|_| Vector2::zeros()).collect(),
-        // The stage cost measures the distance to the end of the path, not to the window.
-        targets: columns.map(|_| path[last]).collect(),
-    }
+struct StraightNeedle<'a> {
+    settings: &'a StraightSettings,
+    path: Vec<Vector2<f64>>,
 }
 
-fn row(step: usize, state: &Vector2<f64>, input: Option<&Vector2<f64>>) -> LogRow {
-    LogRow {
-        step,
-        time_s: step as f64 * DT_S,
-        z_mm: Some(state[0] * 1000.0),
-        gamma_rad: Some(state[1]),
-        v_mm_s: input.map(|u| u[0] * 1000.0),
-        omega_rad_s: input.map(|u| u[1]),
-        ..LogRow::default()
+impl PublishedNeedle<2> for StraightNeedle<'_> {
+    fn horizon(&self, state: &Vector2<f64>) -> Horizon<2> {
+        let (first, last) = (nearest(&self.path, state), self.path.len() - 1);
+        let columns = 0..=self.settings.horizon;
+        Horizon {
+            a: Matrix2::identity(),
+            b: Matrix2::identity() * DT_S,
+            q: Matrix2::from_diagonal(&self.settings.q_diagonal.into()),
+            r: Matrix2::from_diagonal(&self.settings.r_diagonal.into()),
+            states: columns
+                .clone()
+                .map(|i| self.path[(first + i).min(last)])
+                .collect(),
+            inputs: columns.clone().map(|_| Vector2::zeros()).collect(),
+            // The stage cost measures the distance to the end of the path, not to the window.
+            targets: columns.map(|_| self.path[last]).collect(),
+        }
     }
-}
 
-fn with_reference(row: LogRow, path: &[Vector2<f64>], state: &Vector2<f64>) -> LogRow {
-    let index = nearest(path, state);
-    LogRow {
-        ref_z_mm: Some(path[index][0] * 1000.0),
-        nearest: Some(index),
-        ..row
+    fn advance(&self, state: &Vector2<f64>, input: &Vector2<f64>) -> Vector2<f64> {
+        state + DT_S * input
+    }
+
+    fn row(step: usize, state: &Vector2<f64>, input: Option<&Vector2<f64>>) -> LogRow {
+        LogRow {
+            step,
+            time_s: step as f64 * DT_S,
+            z_mm: Some(state[0] * 1000.0),
+            gamma_rad: Some(state[1]),
+            v_mm_s: input.map(|u| u[0] * 1000.0),
+            omega_rad_s: input.map(|u| u[1]),
+            ..LogRow::default()
+        }
+    }
+
+    fn with_reference(&self, row: LogRow, state: &Vector2<f64>) -> LogRow {
+        let index = nearest(&self.path, state);
+        LogRow {
+            ref_z_mm: Some(self.path[index][0] * 1000.0),
+            nearest: Some(index),
+            ..row
+        }
     }
 }

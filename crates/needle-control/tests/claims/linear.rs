@@ -1,0 +1,439 @@
+//! The linear controllers: terminal choices, stability, invariance, agreement of the solvers.
+
+use crate::scene::{CURVATURE_PER_MM, DT_S, Noise};
+use mpc_qp::{ClarabelSolver, OcpSolver, SolverSettings};
+use nalgebra::Vector6;
+use needle_control::{
+    ConfigurationError, ControlStep, Controller, InputLimits, LinearConfiguration, LtvController,
+    Measurement, Origin, StraightController, TerminalChoice, TerminalError,
+};
+use needle_model::{Input, Needle, Pose, ReferencePath};
+
+const HELIX: Input = Input {
+    v_mm_s: 5.0,
+    omega_rad_s: 1.0,
+};
+
+fn needle() -> Needle {
+    Needle::new(CURVATURE_PER_MM).unwrap()
+}
+
+fn path(needle: Needle, input: Input, steps: usize) -> ReferencePath {
+    ReferencePath::from_inputs(needle, Pose::identity(), vec![input; steps], DT_S).unwrap()
+}
+
+fn wide() -> InputLimits {
+    InputLimits {
+        v_min_mm_s: -1e6,
+        v_max_mm_s: 1e6,
+        omega_max_rad_s: 1e6,
+        v_rate_max_mm_s2: f64::INFINITY,
+        omega_rate_max_rad_s2: f64::INFINITY,
+    }
+}
+
+fn configuration(terminal: TerminalChoice) -> LinearConfiguration {
+    LinearConfiguration {
+        terminal,
+        ..LinearConfiguration::default()
+    }
+}
+
+fn ltv(terminal: TerminalChoice, limits: InputLimits) -> LtvController {
+    let configuration = LinearConfiguration {
+        limits,
+        ..configuration(terminal)
+    };
+    LtvController::new(needle(), path(needle(), HELIX, 2_000), configuration).unwrap()
+}
+
+/// The error system itself as plant: the pose whose left-invariant error obeys the linear model exactly.
+struct LinearPlant {
+    reference: ReferencePath,
+    needle: Needle,
+    xi: Vector6<f64>,
+    step: usize,
+}
+
+impl LinearPlant {
+    fn measurement(&self) -> Measurement {
+        Measurement::of(self.reference.poses()[self.step].perturbed(&self.xi))
+    }
+
+    fn advance(&mut self, input: Input) {
+        let wanted = self.reference.inputs()[self.step];
+        let jacobians = self.needle.linearise(wanted, DT_S).unwrap();
+        let d = nalgebra::Vector2::new(
+            input.v_mm_s - wanted.v_mm_s,
+            input.omega_rad_s - wanted.omega_rad_s,
+        );
+        self.xi = jacobians.a * self.xi + jacobians.b * d;
+        self.step += 1;
+    }
+
+    fn time_s(&self) -> f64 {
+        self.step as f64 * DT_S
+    }
+}
+
+#[test]
+fn zero_error_returns_the_reference_input() {
+    let mut controller = ltv(TerminalChoice::HelixDare, wide());
+    let step = controller.step(&Measurement::of(Pose::identity()), 0.0);
+    assert!(matches!(step.origin, Origin::Optimal), "{:?}", step.origin);
+    // From rest the change of the deviation costs at once; without rate limits the optimum still starts near the reference.
+    let first = step.input;
+    let mut plant = LinearPlant {
+        reference: path(needle(), HELIX, 2_000),
+        needle: needle(),
+        xi: Vector6::zeros(),
+        step: 0,
+    };
+    plant.advance(first);
+    for _ in 0..200 {
+        let input = controller.step(&plant.measurement(), plant.time_s()).input;
+        plant.advance(input);
+    }
+    let input = controller.step(&plant.measurement(), plant.time_s()).input;
+    // The error decays to zero, and the input to the reference's, at the rate of the closed loop.
+    assert!(
+        (input.v_mm_s - HELIX.v_mm_s).abs() < 1e-6
+            && (input.omega_rad_s - HELIX.omega_rad_s).abs() < 1e-6,
+        "{input:?}"
+    );
+}
+
+/// First input deviation of an unconstrained controller against the gain of its own Riccati solution, for both horizons.
+#[test]
+fn unconstrained_mpc_equals_lqr() {
+    use faer::Mat;
+    let weights = LinearConfiguration::default().weights;
+    let jacobians = needle().linearise(HELIX, DT_S).unwrap();
+    let a = Mat::from_fn(6, 6, |i, j| jacobians.a[(i, j)]);
+    let b = Mat::from_fn(6, 2, |i, j| jacobians.b[(i, j)]);
+    let diagonal = |values: &[f64]| {
+        Mat::from_fn(values.len(), values.len(), |i, j| {
+            if i == j { values[i] } else { 0.0 }
+        })
+    };
+    let (q, r, r_rate) = (
+        diagonal(&weights.error),
+        diagonal(&[weights.v, weights.omega]),
+        diagonal(&[weights.v_change, weights.omega_change]),
+    );
+    let augmented = lqr::RateAugmented::new(
+        a.as_ref(),
+        b.as_ref(),
+        q.as_ref(),
+        r.as_ref(),
+        r_rate.as_ref(),
+    )
+    .unwrap();
+    let dare = lqr::Dare::new(
+        augmented.a.as_ref(),
+        augmented.b.as_ref(),
+        augmented.q.as_ref(),
+        augmented.r.as_ref(),
+    )
+    .with_cross(augmented.s.as_ref());
+    let gain = dare.solve().unwrap().k;
+    let xi = Vector6::new(0.02, -0.01, 0.03, 0.001, -0.002, 0.004);
+    // At rest before the first step: the deviation applied last is minus the reference input.
+    let state = [
+        xi[0],
+        xi[1],
+        xi[2],
+        xi[3],
+        xi[4],
+        xi[5],
+        -HELIX.v_mm_s,
+        -HELIX.omega_rad_s,
+    ];
+    let law: Vec<f64> = (0..2)
+        .map(|i| (0..8).map(|j| gain[(i, j)] * state[j]).sum())
+        .collect();
+    for horizon in [5, 20] {
+        let configuration = LinearConfiguration {
+            horizon,
+            limits: wide(),
+            ..configuration(TerminalChoice::HelixDare)
+        };
+        let mut controller =
+            LtvController::new(needle(), path(needle(), HELIX, 2_000), configuration).unwrap();
+        let input = controller
+            .step(&Measurement::of(Pose::identity().perturbed(&xi)), 0.0)
+            .input;
+        // du = K x with u_prev = 0, so du is the input. The solver's tolerance is 1e-8 of entries near 5.
+        assert!(
+            (input.v_mm_s - law[0]).abs() < 1e-6,
+            "{horizon}: {input:?} {law:?}"
+        );
+        assert!(
+            (input.omega_rad_s - law[1]).abs() < 1e-6,
+            "{horizon}: {input:?} {law:?}"
+        );
+    }
+}
+
+#[test]
+fn moving_the_world_changes_no_input() {
+    let world = Pose::exp(&Vector6::new(30.0, -20.0, 10.0, 1.0, -2.0, 0.5));
+    let start = Pose::exp(&Vector6::new(0.3, -0.2, 0.1, 0.02, -0.01, 0.3));
+    let original = path(needle(), HELIX, 300);
+    let poses = original
+        .poses()
+        .iter()
+        .map(|pose| world.compose(pose))
+        .collect();
+    let moved = ReferencePath::from_samples(poses, original.inputs().to_vec(), DT_S).unwrap();
+    let configuration = configuration(TerminalChoice::HelixDare);
+    let mut here = LtvController::new(needle(), original, configuration.clone()).unwrap();
+    let mut there = LtvController::new(needle(), moved, configuration).unwrap();
+    let mut pose = start;
+    for step in 0..50 {
+        let time_s = step as f64 * DT_S;
+        let input = here.step(&Measurement::of(pose), time_s).input;
+        let same = there
+            .step(&Measurement::of(world.compose(&pose)), time_s)
+            .input;
+        // Rounding of 40 mm coordinates, 1e-14, through the solver's tolerance of 1e-8.
+        assert!(
+            (input.v_mm_s - same.v_mm_s).abs() < 1e-6
+                && (input.omega_rad_s - same.omega_rad_s).abs() < 1e-6,
+            "{step}"
+        );
+        pose = needle().step(&pose, input, DT_S).unwrap();
+    }
+}
+
+#[test]
+fn both_solvers_give_the_same_input() {
+    let path = path(needle(), HELIX, 500);
+    let configuration = configuration(TerminalChoice::HelixDare);
+    let mut structured = LtvController::new(needle(), path.clone(), configuration.clone()).unwrap();
+    let mut clarabel = LtvController::with_solver(needle(), path, configuration, |problem| {
+        ClarabelSolver::new(problem, SolverSettings::default())
+    })
+    .unwrap();
+    let mut pose = Pose::exp(&Vector6::new(0.4, -0.3, 0.2, 0.02, -0.01, 0.3));
+    for step in 0..40 {
+        let time_s = step as f64 * DT_S;
+        let input = structured.step(&Measurement::of(pose), time_s).input;
+        let other = clarabel.step(&Measurement::of(pose), time_s).input;
+        let difference = (input.v_mm_s - other.v_mm_s)
+            .abs()
+            .max((input.omega_rad_s - other.omega_rad_s).abs());
+        assert!(difference < 1e-5, "step {step}: {input:?} {other:?}");
+        pose = needle().step(&pose, input, DT_S).unwrap();
+    }
+}
+
+/// Cost of a stage as the controller counts it.
+fn stage_cost(xi: &Vector6<f64>, d: [f64; 2], d_previous: [f64; 2]) -> f64 {
+    let weights = LinearConfiguration::default().weights;
+    let error: f64 = (0..6).map(|i| weights.error[i] * xi[i] * xi[i]).sum();
+    error
+        + weights.v * d[0] * d[0]
+        + weights.omega * d[1] * d[1]
+        + weights.v_change * (d[0] - d_previous[0]).powi(2)
+        + weights.omega_change * (d[1] - d_previous[1]).powi(2)
+}
+
+/// Runs the error system from a random start; returns false if the start itself is infeasible.
+fn descends<S: OcpSolver<8, 2>>(
+    controller: &mut LtvController<S>,
+    reference: &ReferencePath,
+    xi: Vector6<f64>,
+    steps: usize,
+) -> bool {
+    controller.reset();
+    let mut plant = LinearPlant {
+        reference: reference.clone(),
+        needle: needle(),
+        xi,
+        step: 0,
+    };
+    let mut before: Option<(f64, f64)> = None;
+    let mut d_previous = [-HELIX.v_mm_s, -HELIX.omega_rad_s];
+    for step in 0..steps {
+        let ControlStep { input, origin, .. } =
+            controller.step(&plant.measurement(), plant.time_s());
+        if step == 0 && !matches!(origin, Origin::Optimal) {
+            return false;
+        }
+        assert!(
+            matches!(origin, Origin::Optimal),
+            "feasibility lost at step {step} from {xi:?}: {origin:?}"
+        );
+        let value = controller.value();
+        if let Some((last, cost)) = before {
+            // Both values carry the solver's relative tolerance of 1e-8, some digits lost in the sum of 20 stages.
+            assert!(
+                value <= last - cost + 1e-6 * (1.0 + last),
+                "V rose at step {step} from {xi:?}: {value} {last} {cost}"
+            );
+        }
+        let d = [
+            input.v_mm_s - HELIX.v_mm_s,
+            input.omega_rad_s - HELIX.omega_rad_s,
+        ];
+        before = Some((value, stage_cost(&plant.xi, d, d_previous)));
+        d_previous = d;
+        plant.advance(input);
+    }
+    true
+}
+
+fn random_error(noise: &mut Noise) -> Vector6<f64> {
+    // The set is limited by the change of the spin: errors of this size are about as large as a horizon of 2 s can bring into it.
+    let size = Vector6::new(0.1, 0.1, 0.1, 0.01, 0.01, 0.05);
+    size.map(|s| s * (2.0 * noise.uniform() - 1.0))
+}
+
+/// The claim is the controller's, not a solver's: Clarabel, which decides feasibility on the boundary of the feasible set as well.
+fn decider(reference: &ReferencePath) -> LtvController<ClarabelSolver<8, 2>> {
+    LtvController::with_solver(
+        needle(),
+        reference.clone(),
+        configuration(TerminalChoice::HelixDare),
+        |problem| ClarabelSolver::new(problem, SolverSettings::default()),
+    )
+    .unwrap()
+}
+
+#[test]
+fn optimal_cost_falls_by_the_stage_cost_from_random_starts() {
+    let reference = path(needle(), HELIX, 600);
+    let mut controller = decider(&reference);
+    assert!(controller.certificate().unwrap().holds());
+    let mut noise = Noise(7);
+    let feasible = (0..300)
+        .filter(|_| descends(&mut controller, &reference, random_error(&mut noise), 4))
+        .count();
+    // A test in which no start were feasible would say nothing.
+    assert!(feasible > 100, "{feasible}");
+}
+
+#[test]
+fn optimal_cost_falls_from_two_thousand_starts_well_inside_the_feasible_set() {
+    let reference = path(needle(), HELIX, 600);
+    let mut controller = ltv(TerminalChoice::HelixDare, InputLimits::default());
+    let mut noise = Noise(13);
+    let feasible = (0..2_000)
+        .filter(|_| {
+            descends(
+                &mut controller,
+                &reference,
+                0.3 * random_error(&mut noise),
+                4,
+            )
+        })
+        .count();
+    assert!(feasible > 1_000, "{feasible}");
+}
+
+#[test]
+fn feasible_starts_stay_feasible_for_500_steps() {
+    let reference = path(needle(), HELIX, 600);
+    let mut controller = ltv(TerminalChoice::HelixDare, InputLimits::default());
+    let mut noise = Noise(11);
+    let feasible = (0..20)
+        .filter(|_| {
+            descends(
+                &mut controller,
+                &reference,
+                0.3 * random_error(&mut noise),
+                500,
+            )
+        })
+        .count();
+    assert!(feasible > 10, "{feasible}");
+}
+
+#[test]
+fn auto_takes_the_strongest_terminal_that_the_reference_admits() {
+    let chosen = |path| {
+        let controller =
+            LtvController::new(needle(), path, configuration(TerminalChoice::Auto)).unwrap();
+        controller.terminal()
+    };
+    assert_eq!(
+        chosen(path(needle(), HELIX, 100)),
+        TerminalChoice::HelixDare
+    );
+    // Along a planar arc two errors cannot be corrected: no stationary solution, but a chain.
+    let arc = path(
+        needle(),
+        Input {
+            omega_rad_s: 0.0,
+            ..HELIX
+        },
+        100,
+    );
+    assert_eq!(chosen(arc), TerminalChoice::RiccatiChain);
+    let point = ReferencePath::from_samples(vec![Pose::identity()], vec![], DT_S).unwrap();
+    assert_eq!(chosen(point), TerminalChoice::None);
+}
+
+#[test]
+fn planar_arc_refuses_the_helix_choice_with_its_controllability() {
+    let arc = path(
+        needle(),
+        Input {
+            omega_rad_s: 0.0,
+            ..HELIX
+        },
+        100,
+    );
+    let refused = LtvController::new(needle(), arc, configuration(TerminalChoice::HelixDare));
+    match refused {
+        Err(ConfigurationError::Terminal(TerminalError::Dare { report, .. })) => {
+            assert_eq!(report.dimension, 4);
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn chain_and_period_of_a_helix_carry_certificates_that_hold() {
+    for choice in [
+        TerminalChoice::RiccatiChain,
+        TerminalChoice::Periodic { period: 4 },
+    ] {
+        let controller =
+            LtvController::new(needle(), path(needle(), HELIX, 60), configuration(choice)).unwrap();
+        let certificate = controller.certificate().unwrap();
+        assert!(certificate.holds(), "{choice:?}\n{certificate}");
+    }
+}
+
+#[test]
+fn straight_needle_reaches_the_end_of_the_papers_path() {
+    let inputs = needle_model::paper_straight_inputs();
+    let straight = Needle::new(0.0).unwrap();
+    let path = ReferencePath::from_inputs(straight, Pose::identity(), inputs, DT_S).unwrap();
+    let end = *path.poses().last().unwrap();
+    let limits = InputLimits {
+        v_max_mm_s: 200.0,
+        v_rate_max_mm_s2: 1_000.0,
+        ..InputLimits::default()
+    };
+    let configuration = LinearConfiguration {
+        limits,
+        ..configuration(TerminalChoice::Auto)
+    };
+    let mut controller = StraightController::new(straight, path, configuration).unwrap();
+    let mut pose = Pose::exp(&Vector6::new(0.0, 0.0, -1.0, 0.0, 0.0, 0.1));
+    for step in 0..140 {
+        let input = controller
+            .step(&Measurement::of(pose), step as f64 * DT_S)
+            .input;
+        assert!(input.v_mm_s >= 0.0, "step {step}");
+        pose = straight.step(&pose, input, DT_S).unwrap();
+    }
+    // The path counts as reached within 0.02 mm; the last braking step may pass it, and v >= 0 cannot take that back.
+    assert!(
+        (pose.position_mm - end.position_mm).norm() < 0.1,
+        "{pose:?}"
+    );
+}

@@ -1,0 +1,14 @@
+//! Claims of the predictive controllers: closed loops, stability, survival, memory.
+
+#![allow(
+    clippy::unwrap_used,
+    reason = "a scene that cannot be set up fails its test"
+)]
+
+mod closed_loop;
+mod linear;
+mod memory;
+mod nonlinear;
+mod reconstruction;
+mod scene;
+mod survival;
