@@ -1,16 +1,28 @@
 #![doc = include_str!("../README.md")]
 
+mod baseline;
 mod configuration;
 mod controller;
+mod estimator;
 mod limits;
 mod ltv;
 mod nmpc;
 mod reconstruction;
+mod sample_clock;
 mod survival;
 mod tracking;
 
+pub use baseline::{
+    BaselineError, BaselineSettings, DutyCycledGains, DutyCycledSteering, FeedForward,
+    LateralGains, LawController, LqrWeights, PathSample, PidGains, SlidingMode, SlidingModeGains,
+    SteeringLaw, SteeringPid, TimeVaryingLqr,
+};
 pub use configuration::ConfigurationError;
 pub use controller::{ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason};
+pub use estimator::{
+    Belief, CURVATURE, ERROR_DIMENSION, FilterError, FilterSettings, LAG, NeedleFilter,
+    Observation, ProcessNoise, ROLL, RollSearch, Verdict,
+};
 pub use limits::{InputLimits, LimitsError};
 pub use ltv::{
     LinearConfiguration, LinearController, LinearWeights, LtvController, StraightController,
