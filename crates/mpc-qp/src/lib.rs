@@ -32,6 +32,6 @@ pub use residuals::{Residual, Residuals};
 pub use softening::{ConstraintGroup, Penalty, Softening};
 pub use solution::{Solution, SolveStatus};
 pub use solver::{OcpSolver, SolverSettings, Start};
-pub use structured::StructuredSolver;
 pub use stage::{Row, Stage};
+pub use structured::StructuredSolver;
 pub use terminal::{HalfSpace, Terminal, TerminalSet};
