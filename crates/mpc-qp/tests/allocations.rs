@@ -1,6 +1,5 @@
 //! The structured solver allocates nothing after it was made.
 
-
 use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{OcpSolver, Solution, SolveStatus, SolverSettings, Start, StructuredSolver};
 
