@@ -184,7 +184,7 @@ impl Working {
             self.at(p, p) + self.at(q, q),
             self.at(p, p) * self.at(q, q) - self.at(p, q) * self.at(q, p),
         );
-        if step % 10 == 0 {
+        if step.is_multiple_of(10) {
             // Shifts of the trailing entries' size break the rare cycles.
             let size = self.at(q, p).abs() + self.at(p, p - 1).abs();
             (sum, product) = (1.5 * size, size * size);

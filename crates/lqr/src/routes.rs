@@ -144,7 +144,7 @@ fn polish(
         iterations += 1;
         match problem.evaluate(p) {
             Some(next) if next.relative_residual < 0.5 * candidate.relative_residual => {
-                candidate = next
+                candidate = next;
             }
             // Far from the solution the residual may rise for a step; near it a rise is rounding.
             Some(next) if candidate.relative_residual > 1e-6 => candidate = next,

@@ -64,7 +64,8 @@ pub struct Solution<const NX: usize, const NU: usize> {
     pub iterations: usize,
     /// Optimality conditions, recomputed from the problem.
     pub residuals: Residuals,
-    /// Wall time of the solve, assembly included, residuals excluded.
+    /// Wall time of the solve, assembly included. The structured solver stops its clock before the residuals are recomputed;
+    /// Clarabel's time includes them, as its second pass depends on them.
     pub time: Duration,
 }
 

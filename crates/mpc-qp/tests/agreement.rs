@@ -10,6 +10,7 @@ use mpc_qp::{
     StructuredSolver, TerminalSetMultipliers,
 };
 use nalgebra::{Vector2, Vector6};
+use proptest::prelude::*;
 
 fn structured<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> Solution<NX, NU> {
     let mut solution = Solution::new(problem);
@@ -25,71 +26,96 @@ fn clarabel<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> Soluti
     solution
 }
 
-/// Objectives to 1e-7 relative, each solver stopping at 1e-8. Where the two first inputs differ by more than 1e-5 the
-/// cost must be flat between them, which equal objectives of two feasible points show.
-fn agree<const NX: usize, const NU: usize>(seeds: std::ops::Range<u64>) -> (usize, usize) {
-    let (mut compared, mut close) = (0, 0);
-    for seed in seeds {
-        let problem = random::problem::<NX, NU>(seed, &Recipe::feasible(seed, 20)).unwrap();
-        let (ours, theirs) = (structured(&problem), clarabel(&problem));
-        if ours.status != SolveStatus::Solved || theirs.status != SolveStatus::Solved {
-            continue;
-        }
-        compared += 1;
-        let size = theirs.objective.abs().max(1.0);
-        assert!(
-            (ours.objective - theirs.objective).abs() <= 1e-7 * size,
-            "NX {NX} NU {NU} seed {seed}: {} and {}",
-            ours.objective,
-            theirs.objective
-        );
-        assert!(
-            ours.residuals.worst() <= 1e-6,
-            "seed {seed}: {:?}",
-            ours.residuals
-        );
-        close += usize::from((ours.u[0] - theirs.u[0]).amax() <= 1e-5);
-    }
-    (compared, close)
-}
-
-#[test]
-fn both_solvers_find_the_same_cost_and_first_input() {
-    let counts = [
-        agree::<1, 1>(0..40),
-        agree::<2, 1>(0..40),
-        agree::<4, 2>(0..40),
-        agree::<6, 2>(0..40),
-    ];
-    let (compared, close) = counts
+/// One random problem of any kind through both solvers; the distance of the first inputs if both solved it. A feasible problem may
+/// be given up (how many is counted in `nearly_all_are_solved_and_first_inputs_agree`), but never refused or solved wrongly.
+///
+/// Objectives agree to 1e-7 relative where the weights are ordinary. Badly scaled weights (1e-6 to 1e6 and a common factor on
+/// top) leave Clarabel a gap of up to 2e-6 (docs/solver.md, section 6), so 1e-5 is asked there.
+fn agree<const NX: usize, const NU: usize>(seed: u64) -> Result<Option<f64>, TestCaseError> {
+    let recipe = Recipe::any(seed, 30);
+    let problem = random::problem::<NX, NU>(seed, &recipe).unwrap();
+    let (ours, theirs) = (structured(&problem), clarabel(&problem));
+    let finite = ours
+        .u
         .iter()
-        .fold((0, 0), |sum, count| (sum.0 + count.0, sum.1 + count.1));
-    assert!(compared >= 152, "only {compared} of 160 solved by both");
-    // Near-degenerate problems leave the first input to rounding.
-    assert!(
-        close * 100 >= compared * 95,
-        "first inputs agree on {close} of {compared}"
+        .all(|u| u.iter().all(|value| value.is_finite()));
+    prop_assert!(finite);
+    if !recipe.is_feasible() {
+        prop_assert!(
+            matches!(theirs.status, SolveStatus::PrimalInfeasible { .. }),
+            "Clarabel {NX}/{NU}: {:?}",
+            theirs.status
+        );
+        let SolveStatus::PrimalInfeasible { certificate, .. } = ours.status else {
+            return Err(TestCaseError::fail(format!("{NX}/{NU}: {:?}", ours.status)));
+        };
+        prop_assert!(certificate.residual <= 1e-7 && certificate.sign_violation <= 1e-7);
+        return Ok(None);
+    }
+    let ordinary = recipe.weight_decades == 0.0;
+    if ours.status == SolveStatus::Solved {
+        prop_assert!(ours.residuals.worst() <= 1e-6, "{:?}", ours.residuals);
+    }
+    let refused = matches!(
+        ours.status,
+        SolveStatus::PrimalInfeasible { .. } | SolveStatus::DualInfeasible
     );
+    prop_assert!(!refused, "{:?}", ours.status);
+    if ours.status != SolveStatus::Solved || theirs.status != SolveStatus::Solved {
+        return Ok(None);
+    }
+    let allowed = if ordinary { 1e-7 } else { 1e-5 } * theirs.objective.abs().max(1.0);
+    let gap = (ours.objective - theirs.objective).abs();
+    prop_assert!(
+        gap <= allowed,
+        "{} and {}",
+        ours.objective,
+        theirs.objective
+    );
+    Ok(ordinary.then(|| (ours.u[0] - theirs.u[0]).amax()))
 }
 
-fn infeasible_for_us<const NX: usize, const NU: usize>(seeds: std::ops::Range<u64>) -> usize {
-    seeds
-        .filter(|&seed| {
-            let problem = random::problem::<NX, NU>(seed, &Recipe::infeasible(seed, 20)).unwrap();
-            let solution = structured(&problem);
-            assert!(!solution.status.has_solution(), "seed {seed}: {:?}", solution.status);
-            matches!(solution.status, SolveStatus::PrimalInfeasible { certificate, .. } if certificate.residual <= 1e-7)
-        })
-        .count()
+fn agree_in_size(size: usize, seed: u64) -> Result<Option<f64>, TestCaseError> {
+    match size {
+        0 => agree::<1, 1>(seed),
+        1 => agree::<2, 1>(seed),
+        2 => agree::<4, 2>(seed),
+        3 => agree::<6, 2>(seed),
+        _ => agree::<9, 3>(seed),
+    }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn solvers_agree_on_problems_of_every_kind(seed in any::<u64>(), size in 0..5_usize) {
+        agree_in_size(size, seed)?;
+    }
+}
+
+// Two good solvers may differ in the full vector on near-degenerate problems, where the cost is flat: objectives are
+// compared above, on every problem. Measured: 599 of 600 solved, 593 first inputs within 1e-5.
 #[test]
-fn planted_contradictions_are_never_solved_and_mostly_proved() {
-    let proved = infeasible_for_us::<1, 1>(0..40)
-        + infeasible_for_us::<2, 1>(0..40)
-        + infeasible_for_us::<4, 2>(0..40);
-    // The rest ends as numerical trouble, never as a solution.
-    assert!(proved >= 108, "proved {proved} of 120");
+fn nearly_all_are_solved_and_first_inputs_agree() {
+    let distances: Vec<f64> = (0..1000)
+        .filter_map(|seed| agree_in_size(seed as usize % 4, seed).unwrap())
+        .collect();
+    // Three fifths of the problems are feasible with ordinary weights.
+    assert!(
+        distances.len() >= 594,
+        "only {} of 600 solved",
+        distances.len()
+    );
+    let close = distances
+        .iter()
+        .filter(|&&distance| distance <= 1e-5)
+        .count();
+    assert!(
+        close * 100 >= distances.len() * 98,
+        "{close} of {} agree",
+        distances.len()
+    );
 }
 
 fn matches_known<const NX: usize, const NU: usize>(

@@ -1,7 +1,5 @@
 //! The structured solver allocates nothing after it was made.
 
-#![expect(clippy::unwrap_used, reason = "helpers of tests may fail loudly")]
-
 use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{OcpSolver, Solution, SolveStatus, SolverSettings, Start, StructuredSolver};
 

@@ -9,7 +9,7 @@ pub(crate) enum DatasetError {
     #[error("cannot write rows as CSV")]
     Row(#[from] csv::Error),
     #[error("cannot finish the CSV")]
-    End(#[from] csv::IntoInnerError<csv::Writer<Vec<u8>>>),
+    End(#[source] std::io::Error),
 }
 
 /// All rows of all runs under one header: `run` and the fields of [`LogRow`]. Numbers have the fewest digits that read
@@ -29,7 +29,7 @@ pub(super) fn table(
 ) -> Result<Vec<u8>, DatasetError> {
     let mut names = csv::Writer::from_writer(Vec::new());
     names.serialize(example)?;
-    let names = names.into_inner()?;
+    let names = finished(names)?;
     let header = names
         .split(|byte| *byte == b'\n')
         .next()
@@ -41,7 +41,13 @@ pub(super) fn table(
     for row in rows {
         writer.serialize(row)?;
     }
-    Ok(writer.into_inner()?)
+    finished(writer)
+}
+
+fn finished(writer: csv::Writer<Vec<u8>>) -> Result<Vec<u8>, DatasetError> {
+    writer
+        .into_inner()
+        .map_err(|error| DatasetError::End(error.into_error()))
 }
 
 #[cfg(test)]

@@ -30,24 +30,29 @@ pub(crate) enum GoldenError {
         golden: usize,
         computed: usize,
     },
-    #[error(
-        "{file}: row {row} (run {run}, step {step}), column {column}: golden {golden}, computed {computed}, \
-         tolerance {tolerance:e}"
-    )]
-    Value {
-        file: &'static str,
-        row: usize,
-        run: String,
-        step: String,
-        column: String,
-        golden: String,
-        computed: String,
-        tolerance: f64,
-    },
+    #[error(transparent)]
+    Value(Box<Difference>),
     #[error(transparent)]
     Dataset(#[from] DatasetError),
     #[error(transparent)]
     Output(#[from] OutputError),
+}
+
+/// The first value that differs.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{file}: row {row} (run {run}, step {step}), column {column}: golden {golden}, computed {computed}, \
+     tolerance {tolerance:e}"
+)]
+pub(crate) struct Difference {
+    file: &'static str,
+    row: usize,
+    run: String,
+    step: String,
+    column: String,
+    golden: String,
+    computed: String,
+    tolerance: f64,
 }
 
 fn folder() -> PathBuf {
@@ -127,7 +132,7 @@ fn compare(file: &'static str, golden: &[u8], computed: &[u8]) -> Result<(), Gol
         for ((column, golden_value), computed_value) in columns.iter().zip(golden).zip(computed) {
             let tolerance = tolerance(column);
             if !agree(golden_value, computed_value, tolerance) {
-                return Err(GoldenError::Value {
+                return Err(GoldenError::Value(Box::new(Difference {
                     file,
                     row: row + 1,
                     run: computed[0].into(),
@@ -136,7 +141,7 @@ fn compare(file: &'static str, golden: &[u8], computed: &[u8]) -> Result<(), Gol
                     golden: golden_value.into(),
                     computed: computed_value.into(),
                     tolerance,
-                });
+                })));
             }
         }
     }

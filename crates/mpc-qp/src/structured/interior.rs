@@ -2,7 +2,7 @@
 
 use super::StructuredSolver;
 use super::kernel::run;
-use super::passes::{Advance, Backward, Factorise, Forward, Weigh};
+use super::passes::{Advance, Backward, ConeTerm, Factorise, Forward, Weigh};
 use super::solves::{Ray, SolveAbsolute};
 use crate::certificate::examine_certificate;
 use crate::problem::OcpQp;
@@ -19,6 +19,9 @@ const STEP_FRACTION: f64 = 0.995;
 
 /// Active-set sweeps tried after an iteration that looks like having identified the set.
 const FINISH_SWEEPS: usize = 2;
+
+/// Iterations after which the careful pass takes over: twice what problems that converge have been seen to take.
+const MOST_ITERATIONS: usize = 40;
 
 /// A ray is a proof if no feasible trajectory can have a 1-norm below the reciprocal of this.
 const RAY_TOLERANCE: f64 = 1e-7;
@@ -80,7 +83,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     }
 
     /// Whether the iterate's multipliers prove infeasibility. Writes the ray into `solution` if so; keeps the iterate.
-    fn infeasible(
+    pub(super) fn infeasible(
         &mut self,
         problem: &OcpQp<NX, NU>,
         solution: &mut Solution<NX, NU>,
@@ -123,7 +126,11 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let mut infeasible = 1.0;
         let mut short_steps = 0;
         let tolerance = self.settings.tolerance;
-        while self.iterations < self.settings.max_iterations {
+        let limit = self
+            .settings
+            .max_iterations
+            .min(self.iterations + MOST_ITERATIONS);
+        while self.iterations < limit {
             if self.out_of_time() {
                 return SolveStatus::TimeLimit;
             }
@@ -132,7 +139,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             run(Weigh(newton));
             run(Factorise {
                 newton,
-                omega: None,
+                cone: ConeTerm::Scaling,
             });
             let reach = run(Forward {
                 newton,

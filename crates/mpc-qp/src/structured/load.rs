@@ -157,9 +157,8 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             self.load_stage(k, stage);
             self.load_bounds(k, stage);
         }
+        self.load_terminal_cost(problem);
         let terminal = problem.terminal();
-        self.p = scaled(&terminal.p.data.0, 1.0 / unit);
-        self.pv = (terminal.p_linear / unit).into();
         for i in 0..NX {
             self.states
                 .bound((self.n - 1) * NX + i, terminal.x_min[i], terminal.x_max[i]);
@@ -167,8 +166,14 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         self.load_terminal_set(problem);
     }
 
+    pub(super) fn load_terminal_cost(&mut self, problem: &OcpQp<NX, NU>) {
+        let terminal = problem.terminal();
+        self.p = scaled(&terminal.p.data.0, 1.0 / self.cost_unit);
+        self.pv = (terminal.p_linear / self.cost_unit).into();
+    }
+
     #[inline(always)]
-    fn load_stage(&mut self, k: usize, stage: &StageData<NX, NU>) {
+    pub(super) fn load_stage(&mut self, k: usize, stage: &StageData<NX, NU>) {
         let to = &mut self.stages[k];
         to.a = stage.a.data.0;
         to.b = stage.b.data.0;

@@ -2,11 +2,13 @@
 //!
 //! See `docs/solver.md` for the derivation. A solve tries active-set sweeps first (`active`): from the last answer if there is one,
 //! else from the unconstrained solution. Where they do not settle, Mehrotra's predictor-corrector (`interior`) takes over
-//! and hands its guess of the active set back as soon as it has one. Every answer is checked against the optimality
+//! and hands its guess of the active set back as soon as it has one. What that leaves open, a slower method of multipliers
+//! decides (`careful`). Every answer is checked against the optimality
 //! conditions before it is called solved.
 
 mod active;
 mod bounds;
+mod careful;
 mod channel;
 mod cone;
 mod handover;
@@ -15,6 +17,7 @@ mod kernel;
 mod load;
 mod newton;
 mod passes;
+mod penalty;
 mod read;
 mod riccati;
 mod soft;
@@ -72,6 +75,21 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     #[must_use]
     pub fn settings(&self) -> &SolverSettings {
         &self.settings
+    }
+
+    fn interior_then_careful(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        solution: &mut Solution<NX, NU>,
+    ) -> SolveStatus {
+        match self.interior_point(problem, solution) {
+            SolveStatus::IterationLimit | SolveStatus::NumericalTrouble
+                if self.iterations < self.settings.max_iterations =>
+            {
+                self.careful(problem, solution)
+            }
+            settled => settled,
+        }
     }
 
     fn out_of_time(&self) -> bool {
@@ -162,7 +180,7 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
         let status = if settled || self.cold_sweeps() {
             SolveStatus::Solved
         } else {
-            self.interior_point(problem, solution)
+            self.interior_then_careful(problem, solution)
         };
         if !matches!(status, SolveStatus::PrimalInfeasible { .. }) {
             self.write(status, solution);

@@ -3,13 +3,25 @@
 use super::bounds::Reach;
 use super::kernel::{Lanes, Phase, add_product};
 use super::newton::{Newton, at};
+use super::penalty::Penalty;
 
 /// Factorises the system and does the backward pass for the channels' present forces.
 pub(super) struct Factorise<'a, const NX: usize, const NU: usize> {
     /// The system.
     pub(super) newton: &'a mut Newton<NX, NU>,
-    /// Weight of the held cone in an active-set sweep; none for the interior point's scaling.
-    pub(super) omega: Option<f64>,
+    /// What the terminal ellipsoid adds.
+    pub(super) cone: ConeTerm,
+}
+
+/// The ellipsoid's part in the Newton system.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum ConeTerm {
+    /// The interior point's scaling.
+    Scaling,
+    /// The boundary held with this weight, in an active-set sweep.
+    Held(f64),
+    /// The augmented Lagrangian of the careful pass.
+    Penalty(Penalty),
 }
 
 impl<const NX: usize, const NU: usize> Phase for Factorise<'_, NX, NU> {
@@ -22,9 +34,11 @@ impl<const NX: usize, const NU: usize> Phase for Factorise<'_, NX, NU> {
         newton.terminal_gradient = add_product(lanes, &newton.p, &x, &newton.pv);
         let mut value = newton.terminal_value(lanes, &mut costate.0);
         if let Some(cone) = &mut newton.cone {
-            match self.omega {
-                None => cone.weigh(lanes, &mut value.xx, &mut costate.0),
-                Some(omega) => cone.hold(lanes, &x, omega, Some(&mut value.xx), &mut costate.0),
+            let (xx, gx) = (&mut value.xx, &mut costate.0);
+            match self.cone {
+                ConeTerm::Scaling => cone.weigh(lanes, xx, gx),
+                ConeTerm::Held(omega) => cone.hold(lanes, &x, omega, Some(xx), gx),
+                ConeTerm::Penalty(penalty) => cone.penalise(lanes, &x, penalty, xx, gx),
             }
         }
         for k in (0..newton.n).rev() {

@@ -2,7 +2,7 @@
 
 use super::StructuredSolver;
 use super::kernel::run;
-use super::passes::Factorise;
+use super::passes::{ConeTerm, Factorise};
 use super::read::Read;
 use super::soft::Price;
 use super::solves::{HoldActive, Resolve, Settle, SolveAbsolute};
@@ -71,12 +71,15 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             channel.omega = OMEGA;
         }
         for sweep in 0..limit {
+            if self.out_of_time() {
+                return false;
+            }
             self.iterations += 1;
             let newton = &mut self.newton;
             run(HoldActive(newton));
             run(Factorise {
                 newton,
-                omega: Some(OMEGA),
+                cone: ConeTerm::Held(OMEGA),
             });
             let mut verdict = run(Settle(newton));
             for _ in 0..6 {

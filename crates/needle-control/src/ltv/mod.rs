@@ -17,7 +17,7 @@ use crate::controller::{
     ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
 };
 use crate::survival::{Guard, Sample, estimated_needle};
-use crate::tracking::{Tracker, link};
+use crate::tracking::Tracker;
 use ingredients::Chosen;
 use lqr::Certificate;
 use mpc_qp::{ConstraintGroup, OcpQp, OcpSolver, SolveError, StructuredSolver};
@@ -283,7 +283,10 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         let (tracker, dt_s) = (&self.tracker, self.configuration.dt_s);
         for k in 0..self.configuration.horizon {
             let (here, next) = (&tracker.poses[k], &tracker.poses[k + 1]);
-            let link = link(&self.needle, here, tracker.inputs[k], next, dt_s)?;
+            let link = self
+                .needle
+                .step_residual(here, tracker.inputs[k], next, dt_s)?
+                .solved_for_target();
             let stage = self.regulator.stage_mut(k);
             for (i, &row) in self.coordinates.iter().enumerate() {
                 for (j, &column) in self.coordinates.iter().enumerate() {
@@ -292,7 +295,7 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
                 for j in 0..2 {
                     stage.b[(i, j)] = link.b[(row, j)];
                 }
-                stage.c[i] = link.defect[row];
+                stage.c[i] = link.c[row];
             }
         }
         Ok(())

@@ -16,7 +16,7 @@ use super::configuration::{NmpcConfiguration, SpinTarget};
 use super::cost::NmpcWeights;
 use crate::configuration::ConfigurationError;
 use crate::limits::InputLimits;
-use crate::tracking::{Tracker, link};
+use crate::tracking::Tracker;
 use mpc_qp::{OcpQp, OcpSolver, Solution, SolveError, SolveStatus, Stage, Start, Terminal};
 use nalgebra::{Matrix6, Matrix6x2, Vector2, Vector6};
 use needle_model::{Input, Needle, Pose, StepError};
@@ -171,10 +171,12 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
         let hold = self.damping * self.cost(&self.plan, tracker) / (n + 1) as f64;
         for k in 0..n {
             let (pose, input) = (&self.plan.poses[k], self.plan.inputs[k]);
-            let link = link(needle, pose, input, &self.plan.poses[k + 1], self.dt_s)?;
+            let link = needle
+                .step_residual(pose, input, &self.plan.poses[k + 1], self.dt_s)?
+                .solved_for_target();
             let wanted = self.wanted(tracker, k);
             let stage = &mut self.stage;
-            stage.c = link.defect - link.b * Vector2::new(input.v_mm_s, input.omega_rad_s);
+            stage.c = link.c - link.b * Vector2::new(input.v_mm_s, input.omega_rad_s);
             (stage.a, stage.b) = (link.a, link.b);
             (stage.q_linear, stage.q) = self.weights.running().model(pose, &tracker.poses[k]);
             stage.q[(5, 5)] += hold;

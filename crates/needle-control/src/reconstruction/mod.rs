@@ -5,7 +5,6 @@
 //! lower an exact penalty function and shrinks while they succeed. The answer is the simulation of the inputs found, so the
 //! needle executes it exactly; what the needle cannot follow shows as distance to the targets. The first pose is the guess's.
 
-use crate::tracking::link;
 use mpc_qp::{
     OcpQp, OcpSolver, ProblemError, Solution, SolveError, SolverSettings, Stage, Start,
     StructuredSolver, Terminal,
@@ -171,10 +170,14 @@ impl<'a> Search<'a> {
             let Some(terms) = self.problem.stage(k, pose, input, next)? else {
                 continue;
             };
-            let link = link(&self.problem.needle(), pose, input, next, dt_s)?;
+            let link = self
+                .problem
+                .needle()
+                .step_residual(pose, input, next, dt_s)?
+                .solved_for_target();
             let here = Vector2::new(input.v_mm_s, input.omega_rad_s);
             let stage = &mut self.stage;
-            stage.c = link.defect - link.b * here;
+            stage.c = link.c - link.b * here;
             (stage.a, stage.b) = (link.a, link.b);
             stage.q = terms.by_pose.tr_mul(&terms.by_pose);
             stage.q[(5, 5)] += hold;

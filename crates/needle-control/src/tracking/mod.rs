@@ -3,10 +3,6 @@
 //! The path is sampled at the controller's own step from the present path time on, along the screw motion between its samples,
 //! so neither clock jitter nor another sample time of the path matters. Past the end the last pose repeats with zero input.
 
-mod link;
-
-pub(crate) use link::link;
-
 use nalgebra::Vector3;
 use needle_model::{Input, PathProgress, Pose, ReferencePath};
 
