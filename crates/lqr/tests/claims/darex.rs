@@ -78,9 +78,9 @@ fn satellite_attitude_control_satisfies_the_equation_to_rounding() {
 
 #[test]
 fn cheap_to_dear_control_follows_the_closed_form() {
-    for r in [1e-4, 1.0, 1e2, 1e6] {
+    for r in [1e-4_f64, 1.0, 1e2, 1e6] {
         let q = mat![[9.0, 6.0], [6.0, 4.0]];
-        let expected = &q * ((1.0 + (1.0 + 4.0 * r as f64).sqrt()) / 2.0);
+        let expected = &q * ((1.0 + (1.0 + 4.0 * r).sqrt()) / 2.0);
         let system = System {
             a: mat![[4.0, 3.0], [-4.5, -3.5]],
             b: mat![[1.0], [-1.0]],

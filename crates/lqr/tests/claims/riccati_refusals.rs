@@ -294,7 +294,7 @@ fn periodic_system_with_an_unreached_multiplier_is_refused() {
     let error = PeriodicSolution::solve(&[stage; 3]).unwrap_err();
     match error {
         lqr::ChainError::NotStabilisable { mode } => {
-            assert!((mode.eigenvalue.re - 1.1_f64.powi(3)).abs() < 1e-12)
+            assert!((mode.eigenvalue.re - 1.1_f64.powi(3)).abs() < 1e-12);
         }
         other => panic!("{other}"),
     }
