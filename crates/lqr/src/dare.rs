@@ -2,18 +2,18 @@
 //!
 //! Doubling finds a candidate, Newton steps on the Joseph residual polish it, and a candidate is
 //! returned only if the closed loop A + BK is stable and the residual small: that makes it *the* stabilising solution,
-//! which is unique. Stabilisability needs no test beforehand: for |lambda| >= 1,
-//! A + BK - lambda I = [A - lambda I, B][I; K], so the Hautus measure is at least
-//! 1 / (|[I; K]| sum |(A + BK)^j|), and a good candidate proves it. The explicit test runs where that bound is
-//! too weak, or where no candidate was good, to name the mode that is to blame.
+//! which is unique. Stabilisability needs no test beforehand: a stable closed loop bounds the Hautus measure
+//! from below (`proved_measure`). The explicit test runs where that bound is too weak, or where no
+//! candidate was good, to name the mode that is to blame.
 
-use crate::dense::{cholesky, cholesky_solve, identity, norm, norm_one};
+use crate::dense::{cholesky, cholesky_solve, identity, norm_one};
 use crate::fixed_size::{by_states, inverse_norm_one};
 use crate::hautus::{self, Stabilisability, UncontrollableMode, UnobservableMode};
 use crate::input::{self, InputError};
-use crate::riccati::{Balanced, Candidate, Problem, indefinite};
+use crate::proved_measure::{WEAK, proved_measure};
+use crate::riccati::{Balanced, Problem, indefinite};
 use crate::routes::{ACCEPTED_RESIDUAL, Attempt, Route};
-use crate::spectrum::{self, SpectrumError};
+use crate::spectrum::SpectrumError;
 use faer::{Mat, MatRef};
 
 /// Why there is no answer. A `Dare` never returns a P that is not the stabilising solution.
@@ -234,7 +234,7 @@ fn accept(
     }
     let mut weakest_mode = None;
     let proved = proved_measure(&balanced.problem, &candidate);
-    if proved < 1e-6 {
+    if proved < WEAK {
         let found = hautus::unreached_modes(&balanced.problem.a, &balanced.problem.b)
             .map_err(DareError::Spectrum)?;
         // A bound above rounding is a proof, and overrules a doubt.
@@ -245,7 +245,7 @@ fn accept(
         if found
             .weakest
             .as_ref()
-            .is_some_and(|mode| mode.measure < 1e-6)
+            .is_some_and(|mode| mode.measure < WEAK)
         {
             losses.push(NearLoss::WeakInput);
         }
@@ -270,21 +270,6 @@ fn accept(
         iterations,
         warning,
     })
-}
-
-/// Lower bound on the Hautus measure over all |lambda| >= 1 that the candidate's stable closed loop proves.
-fn proved_measure(problem: &Problem, candidate: &Candidate) -> f64 {
-    let scale = 1.0 + norm(&problem.a);
-    // B was scaled by column in the measure, so the rows of K scale inversely.
-    let mut gain_square = problem.states() as f64;
-    for i in 0..candidate.k.nrows() {
-        let column: f64 = problem.b.col_as_slice(i).iter().map(|x| x * x).sum();
-        let row: f64 = (0..candidate.k.ncols())
-            .map(|j| candidate.k[(i, j)].powi(2))
-            .sum();
-        gain_square += row * column / (scale * scale);
-    }
-    1.0 / (gain_square.sqrt() * spectrum::sum_of_powers(&candidate.closed_loop) * scale)
 }
 
 fn refuse_unseen(problem: &Problem) -> Result<(), DareError> {

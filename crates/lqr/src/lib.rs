@@ -16,6 +16,7 @@ mod hessenberg_qr;
 mod input;
 mod max_volume;
 mod polytope;
+mod proved_measure;
 mod rate_augmented;
 mod riccati;
 mod routes;

@@ -87,6 +87,9 @@ impl ControllableSubspace {
             self.largest_dropped = self.largest_dropped.max(dropped);
         }
         let fresh = svd.U().get(.., ..rank).to_owned();
+        // A direction of a small singular value carries the block's rounding enlarged by its inverse.
+        let inside = mul(&self.basis, &tr_mul(&self.basis, &fresh));
+        let fresh = add_scaled(&fresh, -1.0, &inside);
         let old = self.basis.clone();
         let kept = self.dimension;
         self.basis = Mat::from_fn(n, kept + rank, |i, j| {

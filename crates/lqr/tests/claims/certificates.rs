@@ -227,3 +227,40 @@ fn cross_term_enters_the_certificate() {
         TerminalClaim::new(&system.dare(), &solution, 1.0, Constraints::new(3, 2)).unwrap();
     assert!(!without.certify().holds());
 }
+
+/// A chain of four stages under boxes, its last level at most `terminal_level`.
+fn sized_chain(terminal_level: f64) -> ChainClaim {
+    let mut source = Source(21);
+    let systems: Vec<System> = (0..4)
+        .map(|_| System::random(&mut source, 2, 1, 1.1, 0.5))
+        .collect();
+    let stages: Vec<Stage<'_>> = systems
+        .iter()
+        .map(|s| Stage {
+            a: s.a.as_ref(),
+            b: s.b.as_ref(),
+            q: s.q.as_ref(),
+            r: s.r.as_ref(),
+        })
+        .collect();
+    let chain = BackwardChain::solve(&stages, Mat::<f64>::identity(2, 2).as_ref()).unwrap();
+    ChainClaim::largest(&stages, &chain, boxed(&mut source, 2, 1), terminal_level).unwrap()
+}
+
+#[test]
+fn a_chain_whose_levels_shrink_is_refuted_at_that_stage() {
+    let mut claim = sized_chain(1e3);
+    // A smaller set violates no constraint: only the nesting is lost.
+    claim.levels[1] = 0.5 * claim.levels[0];
+    for certificate in [claim.certify(), claim.prove()] {
+        assert!(!check(&certificate, "level 0 to 1").holds);
+        assert!(check(&certificate, "level 1 to 2").holds);
+    }
+}
+
+#[test]
+fn the_terminal_level_bounds_every_level_of_the_chain() {
+    let claim = sized_chain(1e-3);
+    assert_eq!(claim.levels.last(), Some(&1e-3));
+    assert!(claim.levels.iter().all(|&level| level <= 1e-3));
+}

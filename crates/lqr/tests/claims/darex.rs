@@ -78,7 +78,7 @@ fn satellite_attitude_control_satisfies_the_equation_to_rounding() {
 
 #[test]
 fn cheap_to_dear_control_follows_the_closed_form() {
-    for r in [1e-4, 1.0, 1e2, 1e6] {
+    for r in [1e-4_f64, 1.0, 1e2, 1e6] {
         let q = mat![[9.0, 6.0], [6.0, 4.0]];
         let expected = &q * ((1.0 + (1.0 + 4.0 * r).sqrt()) / 2.0);
         let system = System {

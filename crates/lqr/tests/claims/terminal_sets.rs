@@ -304,3 +304,38 @@ fn slow_rotation_meets_the_cap_and_says_so() {
     let full = AdmissibleSet::maximal(a.as_ref(), &rows, 500).unwrap();
     assert!(matches!(full.determination, Determination::Determined { index } if index > 5));
 }
+
+#[test]
+fn augmented_constraints_take_the_values_of_the_original_ones() {
+    let mut source = Source(17);
+    let (n, m) = (3, 2);
+    let original = limits(&mut source, n, m);
+    let augmented = RateAugmented::constraints(&original);
+    let (x, last, du) = (source.vector(n), source.vector(m), source.vector(m));
+    let z: Vec<f64> = x.iter().chain(&last).copied().collect();
+    let u: Vec<f64> = last.iter().zip(&du).map(|(u, d)| u + d).collect();
+    let dot = |f: &[f64], v: &[f64]| f.iter().zip(v).map(|(f, v)| f * v).sum::<f64>();
+    for (old, new) in original.rows().iter().zip(augmented.rows()) {
+        let value = dot(&old.on_x, &x) + dot(&old.on_u, &u) + dot(&old.on_rate, &du);
+        let found = dot(&new.on_x, &z) + dot(&new.on_u, &du) + dot(&new.on_rate, &du);
+        // Sums of eight terms of order one.
+        assert!((value - found).abs() < 1e-14, "{}", old.name);
+    }
+}
+
+#[test]
+fn a_row_that_a_later_one_implies_is_dropped() {
+    // x <= 2 comes first and is needed until x <= 1 is seen.
+    let constraints = Constraints::new(1, 1)
+        .with_state_half_space("wide", &[1.0], 2.0)
+        .and_then(|c| c.with_state_half_space("narrow", &[1.0], 1.0))
+        .and_then(|c| c.with_state_half_space("lower", &[-1.0], 1.0))
+        .unwrap();
+    let (a, b, k) = (mat![[0.5]], mat![[1.0]], mat![[0.0]]);
+    let rows = constraints
+        .under_law(a.as_ref(), b.as_ref(), k.as_ref())
+        .unwrap();
+    let set = AdmissibleSet::maximal(a.as_ref(), &rows, 10).unwrap();
+    let names: Vec<&str> = set.rows.iter().map(|row| row.name.as_str()).collect();
+    assert_eq!(names, ["narrow", "lower"]);
+}
