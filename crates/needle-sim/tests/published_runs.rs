@@ -156,7 +156,7 @@ fn a_run_is_deterministic() {
     );
 }
 
-/// R0.01 is the run that reacts most. The golden data's tolerance of 1e-3 mm rests on this figure.
+/// R0.1 is the run that reacts most, by 2e-5 mm. The golden data's tolerance of 1e-3 mm rests on this figure.
 #[test]
 fn a_tighter_solver_moves_no_run_by_more_than_1e_4_mm() {
     for r in [0.01, 0.1, 1.0, 10.0, 100.0] {
@@ -192,7 +192,7 @@ fn published_horizons_from_4_on_agree() {
     let eight = run(8);
     for horizon in [4, 6, 20] {
         let difference = largest_difference_mm(&eight, &run(horizon));
-        assert!(difference < 1e-6, "N = {horizon}: {difference:e} mm");
+        assert!(difference < 1e-7, "N = {horizon}: {difference:e} mm");
     }
     let two = largest_difference_mm(&eight, &run(2));
     assert!((0.4..0.5).contains(&two), "N = 2: {two} mm");

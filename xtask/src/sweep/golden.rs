@@ -65,7 +65,7 @@ fn path(figure: &ComputedFigure) -> PathBuf {
 
 /// Absolute tolerance of a column; zero compares text.
 ///
-/// The loop feeds every solve's error into the next. The run that reacts most, R0.01, moves by 7e-5 mm between solver
+/// The loop feeds every solve's error into the next. The run that reacts most, R0.1, moves by 2e-5 mm between solver
 /// tolerances of 1e-8 and 1e-10 (a test of `needle-sim` holds it below 1e-4 mm): ten times that is no rounding. A speed
 /// is a difference of positions over 0.1 s.
 fn tolerance(column: &str) -> f64 {

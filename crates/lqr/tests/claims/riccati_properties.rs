@@ -2,11 +2,33 @@
 
 use crate::systems::{Source, System, closed_loop, norm, textbook_residual, value_iteration};
 use faer::{Mat, Side};
-use lqr::{BackwardChain, NearLoss, PeriodicSolution, Stage, spectral_radius};
+use lqr::{BackwardChain, DareError, NearLoss, PeriodicSolution, Stage, spectral_radius};
 use proptest::prelude::*;
 
 fn sizes() -> impl Strategy<Value = (usize, usize, f64, u64)> {
-    (1..=12_usize, 1..=4_usize, 0.1..3.0_f64, any::<u64>())
+    let any_size = (1..=12_usize, 1..=4_usize, 0.1..3.0_f64, any::<u64>());
+    any_size.prop_filter(
+        "one input against many unstable modes has a claim of its own",
+        |&(n, m, radius, _)| !(m == 1 && n >= 10 && radius > 2.0),
+    )
+}
+
+/// Cancellation can leave no digit here: about one in some hundred of these systems is refused (README, limits).
+#[test]
+fn many_unstable_modes_on_one_input_are_solved_or_refused_as_not_converged() {
+    let mut refused = 0;
+    for seed in 0..200 {
+        let (n, radius) = (10 + seed as usize % 3, 2.0 + 0.005 * seed as f64);
+        let system = System::random(&mut Source(seed), n, 1, radius, 2.0);
+        match system.dare().solve() {
+            Ok(solution) => {
+                assert!(solution.spectral_radius < 1.0 && solution.relative_residual < 1e-8)
+            }
+            Err(DareError::NoConvergence { .. }) => refused += 1,
+            Err(other) => panic!("seed {seed}: {other}"),
+        }
+    }
+    assert!(refused <= 10, "{refused} of 200 refused");
 }
 
 fn stage(system: &System) -> Stage<'_> {
