@@ -22,7 +22,7 @@ fn many_unstable_modes_on_one_input_are_solved_or_refused_as_not_converged() {
         let system = System::random(&mut Source(seed), n, 1, radius, 2.0);
         match system.dare().solve() {
             Ok(solution) => {
-                assert!(solution.spectral_radius < 1.0 && solution.relative_residual < 1e-8)
+                assert!(solution.spectral_radius < 1.0 && solution.relative_residual < 1e-8);
             }
             Err(DareError::NoConvergence { .. }) => refused += 1,
             Err(other) => panic!("seed {seed}: {other}"),
