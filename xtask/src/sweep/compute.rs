@@ -12,15 +12,6 @@ use std::io::IsTerminal;
 pub(super) struct FigureFile(pub(super) Figure);
 
 impl FigureFile {
-    pub(super) const ALL: [Self; 6] = [
-        Self(Figure::Straight),
-        Self(Figure::Bevel),
-        Self(Figure::QSweep),
-        Self(Figure::QSweepAsText),
-        Self(Figure::RSweep),
-        Self(Figure::NSweep),
-    ];
-
     /// File name without its ending.
     pub(super) fn stem(self) -> &'static str {
         match self.0 {

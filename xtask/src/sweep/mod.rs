@@ -12,6 +12,7 @@ use crate::output::{self, OutputError};
 use crate::say;
 use clap::ValueEnum;
 use compute::{ComputedFigure, FigureFile};
+use needle_sim::published::Figure;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -75,8 +76,9 @@ pub(crate) enum SweepError {
 /// Computes, then writes, checks or blesses.
 pub(crate) fn run(args: &Args) -> Result<(), SweepError> {
     let start = Instant::now();
-    let files: Vec<FigureFile> = FigureFile::ALL
+    let files: Vec<FigureFile> = Figure::ALL
         .into_iter()
+        .map(FigureFile)
         .filter(|file| args.only.is_none_or(|only| file.experiment() == only))
         .collect();
     if args.check {
