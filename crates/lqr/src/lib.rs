@@ -13,6 +13,7 @@ mod doubling;
 mod ellipsoid;
 mod exact;
 mod extended_solution;
+mod fixed_block;
 mod fixed_size;
 mod hautus;
 mod hessenberg_qr;

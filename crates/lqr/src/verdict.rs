@@ -2,7 +2,7 @@
 
 use crate::dare::{Conditioning, DareSolution, NearLoss};
 use crate::dare_error::DareError;
-use crate::dense::{cholesky, cholesky_solve, identity, norm_one};
+use crate::dense::{cholesky, cholesky_solve, identity, norm, norm_one};
 use crate::extended_solution::{Extended, extended_residual, extended_solution};
 use crate::fixed_size::{by_states, inverse_norm_one};
 use crate::hautus::{self, Stabilisability, UncontrollableMode};
@@ -134,14 +134,18 @@ fn accept(
         spectral_radius,
         iterations,
     } = attempt;
-    let p = balanced.restore(&candidate.p);
-    let condition = condition(&p);
-    let Some(restored) = problem.evaluate(p) else {
-        return Err(DareError::SingularInputHessian);
+    let (p, residual) = (
+        balanced.restore(&candidate.p),
+        balanced.restore(&candidate.residual),
+    );
+    // The routes judge in balanced coordinates; what is reported and promised is the caller's. Powers of two change no digit.
+    let size = norm(&residual);
+    let relative_residual = if size == 0.0 {
+        0.0
+    } else {
+        size / norm(&p).max(norm(&problem.q))
     };
-    // The routes judge in balanced coordinates; what is reported and promised is the caller's.
-    let relative_residual = restored.relative_residual;
-    if relative_residual > ACCEPTED_RESIDUAL {
+    if !(relative_residual <= ACCEPTED_RESIDUAL) {
         return Err(DareError::NoConvergence {
             relative_residual,
             spectral_radius,
@@ -163,11 +167,11 @@ fn accept(
         weakest_mode = found.weakest;
     }
     let solution = DareSolution {
-        p: restored.p,
-        k: restored.k,
+        condition: condition(&p),
+        p,
+        k: balanced.restore_gain(&candidate.k),
         spectral_radius,
         relative_residual,
-        condition,
         iterations,
         warning: None,
     };
