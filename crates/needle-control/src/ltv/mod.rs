@@ -239,23 +239,23 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
     /// Solves from a pose; `None` without a usable answer.
     fn solve(&mut self, pose: &Pose, sample: &Sample) -> Option<Origin> {
         self.linearise().ok()?;
+        let Follower { tracker, guard, .. } = &self.follower;
+        // The deviation applied last was one from the reference's input at that time.
+        let before = tracker.input_before();
         self.regulator
-            .set_limits(&self.follower.tracker.inputs, sample.reach_s);
-        let xi = pose.error_from(&self.follower.tracker.poses[0]);
+            .set_limits(before, &tracker.inputs, sample.reach_s);
+        let xi = pose.error_from(&tracker.poses[0]);
         self.present = xi;
         let mut error = SVector::<f64, NX>::zeros();
         for (i, &coordinate) in self.coordinates.iter().enumerate() {
             error[i] = xi[coordinate];
         }
-        let (previous, wanted) = (
-            self.follower.guard.previous(),
-            self.follower.tracker.inputs[0],
-        );
+        let previous = guard.previous();
         let previous = Vector2::new(
-            previous.v_mm_s - wanted.v_mm_s,
-            previous.omega_rad_s - wanted.omega_rad_s,
+            previous.v_mm_s - before.v_mm_s,
+            previous.omega_rad_s - before.omega_rad_s,
         );
-        let end_step = self.follower.tracker.step() + self.configuration.horizon;
+        let end_step = tracker.step() + self.configuration.horizon;
         let answer = self
             .regulator
             .solve(&error, &previous, &self.ingredients, end_step)

@@ -82,8 +82,8 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Regulator<S, NX> {
         &mut self.stages[k]
     }
 
-    /// Limits of every stage in deviations from `wanted`, the reference's inputs.
-    pub(crate) fn set_limits(&mut self, wanted: &[Input], reach_s: f64) {
+    /// Limits of every stage in deviations from `wanted`, the reference's inputs, which follow `before`.
+    pub(crate) fn set_limits(&mut self, before: Input, wanted: &[Input], reach_s: f64) {
         let vector = |u: &Input| Vector2::new(u.v_mm_s, u.omega_rad_s);
         let limits = &self.limits;
         let lower = Vector2::new(limits.v_min_mm_s, -limits.omega_max_rad_s);
@@ -91,11 +91,7 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Regulator<S, NX> {
         let rate = Vector2::new(limits.v_rate_max_mm_s2, limits.omega_rate_max_rad_s2);
         for (k, stage) in self.stages.iter_mut().enumerate() {
             let here = vector(&wanted[k]);
-            let change = if k == 0 {
-                Vector2::zeros()
-            } else {
-                here - vector(&wanted[k - 1])
-            };
+            let change = here - vector(if k == 0 { &before } else { &wanted[k - 1] });
             let reach = rate * if k == 0 { reach_s } else { self.dt_s };
             stage.u_min = lower - here;
             stage.u_max = upper - here;

@@ -13,6 +13,9 @@ use mpc_qp::{Row, Stage};
 use nalgebra::{Matrix2x6, Matrix6, SVector, Vector2, Vector6};
 use needle_model::{Input, Pose, StepError, pose_residual, se3};
 
+/// Part of the set's size by which its linearisation may miss it.
+const SECOND_ORDER: f64 = 1e-3;
+
 /// Cost and set at the end of the horizon.
 #[derive(Debug, Clone)]
 pub(crate) enum HorizonEnd {
@@ -87,13 +90,19 @@ impl HorizonEnd {
         }
     }
 
-    /// How far a pose is outside the set, in `sqrt(xi'P xi)`.
+    /// How far a pose is outside the set, in `sqrt(xi'P xi)`; zero within what linearising the set leaves out.
     pub(crate) fn outside(&self, pose: &Pose, reference: &Pose) -> f64 {
-        match self {
-            Self::Form(Form {
-                level: Some(level), ..
-            }) => (self.of_pose(pose, reference).max(0.0).sqrt() - level.sqrt()).max(0.0),
-            _ => 0.0,
+        let Self::Form(Form {
+            level: Some(level), ..
+        }) = self
+        else {
+            return 0.0;
+        };
+        let excess = self.of_pose(pose, reference).max(0.0).sqrt() - level.sqrt();
+        if excess > SECOND_ORDER * level.sqrt() {
+            excess
+        } else {
+            0.0
         }
     }
 

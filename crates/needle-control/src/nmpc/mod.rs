@@ -151,16 +151,18 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         let improved = sample
             .pose
             .is_some_and(|pose| self.improve(&pose, &sample, started));
+        let outside = self.shooting.outside(&self.follower.tracker);
+        let violation = self.violation.max(outside);
         let guard = &mut self.follower.guard;
         if !improved || guard.late(started.elapsed()) {
             return guard.fall_back(&sample, StopReason::NoPlan);
         }
         let inputs = &self.shooting.plan.inputs;
         guard.keep(inputs.iter().copied());
-        let origin = match self.violation > 0.0 {
+        let origin = match violation > 0.0 {
             true => Origin::Degraded {
                 softened: ConstraintGroup::TerminalSet,
-                violation: self.violation,
+                violation,
             },
             false => Origin::Optimal,
         };

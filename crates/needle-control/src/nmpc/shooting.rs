@@ -119,6 +119,12 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
         stages + self.end.of_pose(&plan.poses[n], &tracker.poses[n])
     }
 
+    /// How far the plan's end is outside the terminal set, in `sqrt(xi'P xi)`.
+    pub(crate) fn outside(&self, tracker: &Tracker) -> f64 {
+        let n = self.plan.inputs.len();
+        self.end.outside(&self.plan.poses[n], &tracker.poses[n])
+    }
+
     /// Writes the quadratic program of the plan; true if it has a goal. `previous` was applied last, `reach_s` ago.
     fn linearise(
         &mut self,
