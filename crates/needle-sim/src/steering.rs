@@ -5,7 +5,7 @@ use lqr::Certificate;
 use needle_control::{
     BaselineError, BaselineSettings, ConfigurationError, Controller, DutyCycledSteering,
     FeedForward, LawController, LinearConfiguration, LtvController, NmpcConfiguration,
-    NmpcController, SlidingMode, SteeringPid, StraightController, TimeVaryingLqr,
+    NmpcController, SlidingMode, SteeringPid, StraightController, TerminalChoice, TimeVaryingLqr,
 };
 use needle_model::{Needle, ReferencePath};
 
@@ -113,6 +113,15 @@ impl Steering {
             Self::SlidingMode(controller) => controller.as_mut(),
             Self::DutyCycled(controller) => controller.as_mut(),
             Self::FeedForward(controller) => controller.as_mut(),
+        }
+    }
+
+    /// Terminal cost and set in force.
+    pub(crate) fn terminal(&self) -> Option<TerminalChoice> {
+        match self {
+            Self::Ltv(controller) => Some(controller.terminal()),
+            Self::Straight(controller) => Some(controller.terminal()),
+            _ => None,
         }
     }
 
