@@ -26,7 +26,7 @@ pub use estimator::{
 pub use limits::{InputLimits, LimitsError};
 pub use ltv::{
     LinearConfiguration, LinearController, LinearWeights, LtvController, StraightController,
-    TerminalChoice, TerminalError,
+    TerminalChoice, TerminalError, TerminalRegion,
 };
 pub use nmpc::{Convergence, NmpcConfiguration, NmpcController, NmpcWeights, SpinTarget};
 pub use reconstruction::{ReconstructedPath, ReconstructionError, reconstruct_path};

@@ -9,6 +9,8 @@ mod path_source;
 pub mod published;
 mod random;
 pub mod record;
+#[cfg(feature = "report")]
+pub mod report;
 pub mod scenario;
 mod simulated_needle;
 mod steering;

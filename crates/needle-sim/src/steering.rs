@@ -5,7 +5,7 @@ use lqr::Certificate;
 use needle_control::{
     BaselineError, BaselineSettings, ConfigurationError, Controller, DutyCycledSteering,
     FeedForward, LawController, LinearConfiguration, LtvController, NmpcConfiguration,
-    NmpcController, SlidingMode, SteeringPid, StraightController, TimeVaryingLqr,
+    NmpcController, SlidingMode, SteeringPid, StraightController, TerminalRegion, TimeVaryingLqr,
 };
 use needle_model::{Needle, ReferencePath};
 
@@ -113,6 +113,15 @@ impl Steering {
             Self::SlidingMode(controller) => controller.as_mut(),
             Self::DutyCycled(controller) => controller.as_mut(),
             Self::FeedForward(controller) => controller.as_mut(),
+        }
+    }
+
+    /// Where its terminal set wants the tip at the horizon's end.
+    pub(crate) fn terminal_region(&self) -> Option<TerminalRegion> {
+        match self {
+            Self::Ltv(controller) => controller.terminal_region(),
+            Self::Straight(controller) => controller.terminal_region(),
+            _ => None,
         }
     }
 

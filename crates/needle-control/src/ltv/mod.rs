@@ -8,9 +8,11 @@ mod configuration;
 mod ingredients;
 mod regulator;
 mod terminal;
+mod terminal_region;
 
 pub use configuration::{LinearConfiguration, LinearWeights};
 pub use terminal::{TerminalChoice, TerminalError};
+pub use terminal_region::TerminalRegion;
 
 use crate::configuration::ConfigurationError;
 use crate::controller::{
