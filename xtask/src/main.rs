@@ -1,6 +1,5 @@
 //! Repository commands. `cargo xtask sweep` regenerates the paper's figures; see `cargo xtask --help`.
 
-mod output;
 mod sweep;
 
 use clap::{Parser, Subcommand};

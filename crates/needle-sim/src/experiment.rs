@@ -13,7 +13,7 @@ use crate::simulated_needle::{PlantError, SimulatedNeedle};
 use crate::steering::{ControllerError, Steering};
 use crate::summary::{Ending, Tally};
 use lqr::Certificate;
-use needle_control::{ControlStep, Measurement, Origin, StopReason};
+use needle_control::{ControlStep, Measurement, Origin, StopReason, TerminalChoice};
 use needle_model::{Input, InvalidCurvature, Needle, Pose, ReferencePath};
 use std::time::{Duration, Instant};
 
@@ -100,6 +100,12 @@ impl Experiment {
     #[must_use]
     pub fn certificate(&self) -> Option<&Certificate> {
         self.steering.certificate()
+    }
+
+    /// Terminal cost and set in force; `None` for a controller without.
+    #[must_use]
+    pub fn terminal(&self) -> Option<TerminalChoice> {
+        self.steering.terminal()
     }
 
     /// Run `run_index`, every sample recorded.

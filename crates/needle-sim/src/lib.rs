@@ -1,9 +1,11 @@
 #![doc = include_str!("../README.md")]
 
+pub mod check;
 mod estimation;
 mod experiment;
 mod imaging;
 mod log;
+pub mod output;
 mod path_distance;
 mod path_source;
 pub mod published;

@@ -5,7 +5,8 @@ use lqr::Certificate;
 use needle_control::{
     BaselineError, BaselineSettings, ConfigurationError, Controller, DutyCycledSteering,
     FeedForward, LawController, LinearConfiguration, LtvController, NmpcConfiguration,
-    NmpcController, SlidingMode, SteeringPid, StraightController, TerminalRegion, TimeVaryingLqr,
+    NmpcController, SlidingMode, SteeringPid, StraightController, TerminalChoice, TerminalRegion,
+    TimeVaryingLqr,
 };
 use needle_model::{Needle, ReferencePath};
 
@@ -121,6 +122,15 @@ impl Steering {
         match self {
             Self::Ltv(controller) => controller.terminal_region(),
             Self::Straight(controller) => controller.terminal_region(),
+            _ => None,
+        }
+    }
+
+    /// Terminal cost and set in force.
+    pub(crate) fn terminal(&self) -> Option<TerminalChoice> {
+        match self {
+            Self::Ltv(controller) => Some(controller.terminal()),
+            Self::Straight(controller) => Some(controller.terminal()),
             _ => None,
         }
     }

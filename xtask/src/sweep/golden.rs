@@ -2,7 +2,7 @@
 
 use super::compute::ComputedFigure;
 use super::dataset::{self, DatasetError};
-use crate::output::{self, OutputError};
+use needle_sim::output::{self, OutputError};
 use needle_sim::{LogRow, RunLog};
 use std::fs;
 use std::io;

@@ -8,10 +8,10 @@ mod pictures;
 mod summary;
 mod tracks;
 
-use crate::output::{self, OutputError};
 use crate::say;
 use clap::ValueEnum;
 use compute::{ComputedFigure, FigureFile};
+use needle_sim::output::{self, OutputError};
 use needle_sim::published::Figure;
 use std::path::{Path, PathBuf};
 use std::time::Instant;

@@ -1,0 +1,92 @@
+//! What a command leaves: words on standard error, results on standard output, a verdict or an error with its exit code.
+
+use needle_sim::output::OutputError;
+use needle_sim::{PathSourceError, RunError, ScenarioError};
+use serde::Serialize;
+use std::io::{self, Write};
+
+/// The answer of a command that could be carried out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    Yes,
+    No,
+}
+
+impl From<bool> for Verdict {
+    fn from(yes: bool) -> Self {
+        if yes { Self::Yes } else { Self::No }
+    }
+}
+
+/// Why a command could not be carried out.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum CliError {
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    #[error("--set {argument}: expected KEY=VALUE, such as limits.v_max_mm_s=8.0")]
+    Set { argument: String },
+    #[error("no preset is called {name}; there are {known}")]
+    Preset { name: String, known: String },
+    #[error("the scenario cannot be run: {0}")]
+    Run(#[from] RunError),
+    #[error(transparent)]
+    Path(#[from] PathSourceError),
+    #[error("the needle")]
+    Needle(#[from] needle_model::InvalidCurvature),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error("cannot write JSON")]
+    Json(#[from] serde_json::Error),
+    #[error("cannot write CSV")]
+    Csv(#[from] csv::Error),
+    #[error("cannot write to standard output")]
+    Stdout(#[source] io::Error),
+}
+
+impl CliError {
+    pub(crate) fn exit_code(&self) -> u8 {
+        match self {
+            Self::Scenario(_) | Self::Set { .. } | Self::Preset { .. } => 2,
+            _ => 1,
+        }
+    }
+}
+
+/// The error and what caused it.
+pub(crate) fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let words = error.to_string();
+        // A transparent layer says what its cause says.
+        if !text.ends_with(&words) {
+            text = format!("{text}: {words}");
+        }
+        cause = error.source();
+    }
+    text
+}
+
+/// A line on standard error. That nobody reads it is no reason to stop.
+pub(crate) fn say(line: &str) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
+/// A result on standard output.
+pub(crate) fn print(text: &str) -> Result<(), CliError> {
+    let mut stdout = io::stdout().lock();
+    stdout
+        .write_all(text.as_bytes())
+        .and_then(|()| stdout.flush())
+        .map_err(CliError::Stdout)
+}
+
+/// A result on standard output as JSON.
+pub(crate) fn print_json(value: &impl Serialize) -> Result<(), CliError> {
+    print(&(serde_json::to_string_pretty(value)? + "\n"))
+}
+
+/// A number for a table, a dash where there is none.
+pub(crate) fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or("-".into(), |value| format!("{value:.digits$}"))
+}
