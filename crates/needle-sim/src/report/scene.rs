@@ -54,13 +54,18 @@ pub(super) fn plot(record: &RunRecord) -> Plot {
         .collect();
     let mut plot = theme::plot(layout(&extent, &moments));
     plot.add_traces(still(record));
-    if let Some(last) = moments.last() {
-        plot.add_traces(last.traces());
+    if let Some(moment) = moments.get(shown_first(&moments)) {
+        plot.add_traces(moment.traces());
     }
     for moment in &moments {
         plot.add_frame(moment.frame());
     }
     plot
+}
+
+/// The page opens in the middle of the run, where there is a shaft as well as a horizon.
+fn shown_first(moments: &[Moment]) -> usize {
+    moments.len() / 2
 }
 
 /// Coordinates of a curve. Single precision is a tenth of a micrometre here and half the file; what is not finite is a gap.
@@ -174,7 +179,7 @@ impl Moment {
                 .name("terminal set")
                 .color(theme::GREEN)
                 .opacity(0.25)
-                .show_legend(true)
+                .show_legend(!self.terminal.x.is_empty())
                 .hover_template("terminal set"),
         ]
     }
@@ -209,7 +214,7 @@ fn layout(extent: &Extent, moments: &[Moment]) -> Layout {
         |title: &str, i: usize| -> Axis { theme::axis(title).range(extent.range(i).to_vec()) };
     // Depth runs to the right, the side that an unturned needle bends to (-y) up.
     let camera = Camera::new()
-        .eye((-1.5, 0.55, 0.0).into())
+        .eye((1.75, -0.8, -0.45).into())
         .up((0.0, -1.0, 0.0).into());
     let scene = LayoutScene::new()
         .x_axis(axis("x, mm", 0))
@@ -219,7 +224,7 @@ fn layout(extent: &Extent, moments: &[Moment]) -> Layout {
         .drag_mode(DragMode3D::Orbit)
         .camera(camera);
     let layout = theme::layout()
-        .margin(Margin::new().left(8).right(8).top(8).bottom(8))
+        .margin(Margin::new().left(8).right(36).top(8).bottom(8))
         .scene(scene);
     if moments.len() < 2 {
         return layout;
@@ -251,7 +256,7 @@ fn slider(moments: &[Moment]) -> Slider {
         .font(theme::font());
     // The cast is of at most MOST_FRAMES.
     Slider::new()
-        .active(moments.len() as i32 - 1)
+        .active(shown_first(moments) as i32)
         .steps(steps.collect())
         .current_value(value)
         .pad(Pad::new(24, 8, 0))

@@ -235,14 +235,15 @@ fn tangent(pose: &PoseRecord) -> Vector3<f64> {
 
 fn layout(signals: &Signals<'_>, speed: &InputSignal, spin: &InputSignal) -> Layout {
     let row = |row: Row, title: &str| -> Axis { theme::axis(title).domain(&row.domain()) };
-    let last_s = signals.times_s.last().copied().unwrap_or(1.0);
+    let first_s = signals.times_s.get(signals.times_s.len() / 2);
+    let first_s = first_s.copied().unwrap_or(0.0);
     let cursor = Shape::new()
         .shape_type(ShapeType::Line)
         .layer(ShapeLayer::Above)
         .x_ref("x")
         .y_ref("paper")
-        .x0(last_s)
-        .x1(last_s)
+        .x0(first_s)
+        .x1(first_s)
         .y0(0.0)
         .y1(1.0)
         .line(ShapeLine::new().color(theme::GREY).width(1.0));

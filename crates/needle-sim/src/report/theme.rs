@@ -2,7 +2,7 @@
 
 use plotly::common::{Font, Orientation, Title};
 use plotly::configuration::Configuration;
-use plotly::layout::{Axis, Legend, Margin};
+use plotly::layout::{Axis, Legend, Margin, ModeBar};
 use plotly::{Layout, Plot};
 
 pub(super) const BLACK: &str = "#1a1a1a";
@@ -38,8 +38,10 @@ pub(super) fn layout() -> Layout {
         .auto_size(true)
         .paper_background_color("#ffffff")
         .plot_background_color("#ffffff")
-        .margin(Margin::new().left(64).right(16).top(24).bottom(48))
+        .margin(Margin::new().left(64).right(44).top(24).bottom(48))
         .legend(legend)
+        // Beside the picture: above it stands the legend.
+        .mode_bar(ModeBar::new().orientation(Orientation::Vertical))
 }
 
 /// An axis with a title that names the unit.
