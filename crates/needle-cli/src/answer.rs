@@ -1,9 +1,11 @@
 //! What a command leaves: words on standard error, results on standard output, a verdict or an error with its exit code.
 
+use needle_sim::campaign::CampaignError;
 use needle_sim::output::OutputError;
 use needle_sim::{PathSourceError, RunError, ScenarioError};
 use serde::Serialize;
 use std::io::{self, Write};
+use std::path::PathBuf;
 
 /// The answer of a command that could be carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,6 +37,16 @@ pub(crate) enum CliError {
     Needle(#[from] needle_model::InvalidCurvature),
     #[error(transparent)]
     Output(#[from] OutputError),
+    #[error(transparent)]
+    Campaign(#[from] CampaignError),
+    #[error("results need a folder of their own: give --out, {} is the campaign file", folder.display())]
+    CampaignFolder { folder: PathBuf },
+    #[error("the campaign has runs 0 to {}, not {run}", runs.saturating_sub(1))]
+    NoSuchRun { run: u64, runs: u64 },
+    #[error("interrupted after {done} runs; the same command goes on from there, results are in {}", folder.display())]
+    Interrupted { done: u64, folder: PathBuf },
+    #[error("the program's own place is unknown")]
+    Program(#[source] io::Error),
     #[error("cannot write JSON")]
     Json(#[from] serde_json::Error),
     #[error("cannot write CSV")]
@@ -47,6 +59,10 @@ impl CliError {
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
             Self::Scenario(_) | Self::Set { .. } | Self::Preset { .. } => 2,
+            Self::CampaignFolder { .. } | Self::NoSuchRun { .. } => 2,
+            Self::Campaign(CampaignError::Faults { .. } | CampaignError::Scenario(_)) => 2,
+            Self::Campaign(CampaignError::OtherCampaign { .. }) => 2,
+            Self::Interrupted { .. } => 130,
             _ => 1,
         }
     }

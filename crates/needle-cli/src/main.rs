@@ -6,7 +6,7 @@ mod scenario_arguments;
 
 use answer::{CliError, Verdict, say};
 use clap::{Parser, Subcommand};
-use commands::{check, compare, reference, run, schema};
+use commands::{campaign, check, compare, merge, reference, run, schema};
 use std::process::ExitCode;
 
 /// Simulate, check and compare controllers of bevel-tip needles.
@@ -30,6 +30,10 @@ enum Command {
     Run(run::Args),
     /// Check a scenario before anything moves: path, limits, controllability, certificate.
     Check(check::Args),
+    /// Run many runs of a scenario over a grid and random draws, on all cores; goes on where it stopped.
+    Campaign(campaign::Args),
+    /// Merge the chunks of a campaign into one file and sum them up.
+    Merge(merge::Args),
     /// Run several scenarios under the same disturbances, side by side.
     Compare(compare::Args),
     /// Find the needle's states and inputs along positions from a CSV file.
@@ -47,6 +51,8 @@ fn main() -> ExitCode {
     let outcome = match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Campaign(args) => campaign::run(&args),
+        Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Reference(args) => reference::run(&args),
         Command::Schema(args) => schema::run(&args),

@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 
+#[cfg(feature = "campaign")]
+pub mod campaign;
 pub mod check;
 mod estimation;
 mod experiment;

@@ -67,14 +67,14 @@ pub fn write_whole(path: &Path, contents: &[u8]) -> Result<(), OutputError> {
 
 /// A temporary file is private to its owner; data files are for everyone.
 #[cfg(unix)]
-fn make_readable(file: &NamedTempFile) -> io::Result<()> {
+pub(crate) fn make_readable(file: &NamedTempFile) -> io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
     file.as_file()
         .set_permissions(fs::Permissions::from_mode(0o644))
 }
 
 #[cfg(not(unix))]
-fn make_readable(_: &NamedTempFile) -> io::Result<()> {
+pub(crate) fn make_readable(_: &NamedTempFile) -> io::Result<()> {
     Ok(())
 }
 

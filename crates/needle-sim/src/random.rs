@@ -14,6 +14,8 @@ pub(crate) enum Purpose {
     Tissue = 3,
     Driver = 4,
     Sensors = 5,
+    #[cfg(feature = "campaign")]
+    Parameters = 6,
 }
 
 /// A stream of random numbers.

@@ -10,14 +10,14 @@ use toml::de::{DeTable, DeValue};
 
 /// A value with the line that it begins on.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Node {
-    pub(super) value: Value,
-    pub(super) line: Option<usize>,
+pub(crate) struct Node {
+    pub(crate) value: Value,
+    pub(crate) line: Option<usize>,
 }
 
 /// What TOML can say.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Value {
+pub(crate) enum Value {
     Text(String),
     Integer(i64),
     Float(f64),
@@ -31,7 +31,7 @@ pub(super) enum Value {
 /// The text of a scenario before it is understood: keys can be set from outside.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Document {
-    root: Node,
+    pub(crate) root: Node,
     path: Option<PathBuf>,
 }
 
@@ -144,7 +144,7 @@ impl Node {
     }
 
     /// The type in TOML's words.
-    pub(super) fn type_name(&self) -> &'static str {
+    pub(crate) fn type_name(&self) -> &'static str {
         match &self.value {
             Value::Text(_) => "a string",
             Value::Integer(_) => "an integer",
@@ -154,6 +154,29 @@ impl Node {
             Value::Table(_) => "a table",
             Value::Other(name) => name,
         }
+    }
+}
+
+#[cfg(feature = "campaign")]
+impl Node {
+    /// The value without lines; `None` where it holds a date or an integer beyond 64 bits.
+    pub(crate) fn plain(&self) -> Option<toml::Value> {
+        Some(match &self.value {
+            Value::Text(text) => toml::Value::String(text.clone()),
+            Value::Integer(integer) => toml::Value::Integer(*integer),
+            Value::Float(float) => toml::Value::Float(*float),
+            Value::Flag(flag) => toml::Value::Boolean(*flag),
+            Value::List(rows) => {
+                toml::Value::Array(rows.iter().map(Self::plain).collect::<Option<_>>()?)
+            }
+            Value::Table(table) => {
+                let entries = table
+                    .iter()
+                    .map(|(key, node)| Some((key.clone(), node.plain()?)));
+                toml::Value::Table(entries.collect::<Option<_>>()?)
+            }
+            Value::Other(_) => return None,
+        })
     }
 }
 

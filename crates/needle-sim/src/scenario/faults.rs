@@ -100,7 +100,7 @@ impl ScenarioError {
 }
 
 /// A line a fault: `file:line: key: problem`.
-fn listed(path: Option<&PathBuf>, faults: &[Fault]) -> String {
+pub(crate) fn listed(path: Option<&PathBuf>, faults: &[Fault]) -> String {
     let place = path.map_or_else(|| "scenario".into(), |path| path.display().to_string());
     let line = |fault: &Fault| {
         let line = fault

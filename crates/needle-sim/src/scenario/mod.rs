@@ -4,9 +4,9 @@
 //! of what may be written all walk over the same list.
 
 mod controller;
-mod document;
+pub(crate) mod document;
 mod estimator;
-mod faults;
+pub(crate) mod faults;
 mod keys;
 mod plant;
 mod presets;
