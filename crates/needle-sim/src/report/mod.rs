@@ -1,8 +1,12 @@
-//! Reports: a run as one HTML file that opens from disk, without a network.
+//! Reports: a run or a campaign as one HTML file that opens from disk, without a network.
 //!
 //! Pictures are made by plotly, whose script is part of the file. What comes from a scenario or a file is escaped: the templates do it
 //! for the page's text and the JSON for the pictures' labels. The page forbids its browser any request.
 
+#[cfg(feature = "campaign")]
+mod campaign_figures;
+#[cfg(feature = "campaign")]
+mod campaign_page;
 mod decimation;
 mod extent;
 mod facts;
@@ -11,6 +15,9 @@ mod scene;
 mod signals;
 mod sphere;
 mod theme;
+
+#[cfg(feature = "campaign")]
+pub use campaign_page::campaign_report;
 
 use crate::record::RunRecord;
 use crate::scenario::Scenario;
@@ -60,4 +67,11 @@ pub fn run_report(record: &RunRecord) -> Result<String, ReportError> {
         scenario_toml: &record.scenario_toml,
     };
     Ok(page.render()?)
+}
+
+/// Text for a picture's label, where plotly reads a little HTML.
+#[cfg(feature = "campaign")]
+fn escaped(text: &str) -> String {
+    askama::filters::escape(text, askama::filters::Html)
+        .map_or(String::new(), |safe| safe.to_string())
 }

@@ -137,6 +137,7 @@ struct Moment {
     bevel: Curve,
     horizon: Curve,
     terminal: Curve,
+    terminal_text: String,
 }
 
 impl Moment {
@@ -151,6 +152,7 @@ impl Moment {
             bevel: [tip, bevel].into_iter().map(Into::into).collect(),
             horizon: Curve::through(&step.predicted_mm, MOST_POINTS_OF_A_FRAME, |p| *p),
             terminal: step.terminal.as_ref().map(surface).unwrap_or_default(),
+            terminal_text: step.terminal.as_ref().map(lengths).unwrap_or_default(),
         }
     }
 
@@ -180,7 +182,7 @@ impl Moment {
                 .color(theme::GREEN)
                 .opacity(0.25)
                 .show_legend(!self.terminal.x.is_empty())
-                .hover_template("terminal set"),
+                .hover_template(&self.terminal_text),
         ]
     }
 
@@ -209,12 +211,22 @@ fn surface(ellipsoid: &EllipsoidRecord) -> Curve {
         .collect()
 }
 
+/// Half-axes in words: the set may be too small to be seen.
+fn lengths(ellipsoid: &EllipsoidRecord) -> String {
+    let mut lengths = ellipsoid
+        .half_axes_mm
+        .map(|axis| Vector3::from(axis).norm());
+    lengths.sort_by(|a, b| b.total_cmp(a));
+    let [a, b, c] = lengths;
+    format!("terminal set, half-axes {a:.2}, {b:.2}, {c:.2} mm")
+}
+
 fn layout(extent: &Extent, moments: &[Moment]) -> Layout {
     let axis =
         |title: &str, i: usize| -> Axis { theme::axis(title).range(extent.range(i).to_vec()) };
     // Depth runs to the right, the side that an unturned needle bends to (-y) up.
     let camera = Camera::new()
-        .eye((1.75, -0.8, -0.45).into())
+        .eye((2.45, -1.15, -0.6).into())
         .up((0.0, -1.0, 0.0).into());
     let scene = LayoutScene::new()
         .x_axis(axis("x, mm", 0))

@@ -233,6 +233,14 @@ fn tangent(pose: &PoseRecord) -> Vector3<f64> {
     UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k)) * Vector3::z()
 }
 
+fn time_axis(times_s: &[f64]) -> Axis {
+    let axis = theme::axis("time, s");
+    match times_s.last() {
+        Some(&last_s) if last_s > 0.0 => axis.range(vec![0.0, last_s]),
+        _ => axis,
+    }
+}
+
 fn layout(signals: &Signals<'_>, speed: &InputSignal, spin: &InputSignal) -> Layout {
     let row = |row: Row, title: &str| -> Axis { theme::axis(title).domain(&row.domain()) };
     let first_s = signals.times_s.get(signals.times_s.len() / 2);
@@ -249,7 +257,7 @@ fn layout(signals: &Signals<'_>, speed: &InputSignal, spin: &InputSignal) -> Lay
         .line(ShapeLine::new().color(theme::GREY).width(1.0));
     theme::layout()
         .hover_mode(HoverMode::XUnified)
-        .x_axis(theme::axis("time, s").anchor(Row::StepTime.axis()))
+        .x_axis(time_axis(&signals.times_s).anchor(Row::StepTime.axis()))
         .y_axis(row(Row::Distance, "error, mm"))
         .y_axis2(row(Row::Direction, "direction, °"))
         .y_axis3(row(Row::Speed, "v, mm/s").range(signals.range(speed)))

@@ -14,7 +14,8 @@ pub(super) const RED: &str = "#d55e00";
 pub(super) const GREEN: &str = "#009e73";
 pub(super) const PURPLE: &str = "#cc79a7";
 
-/// One colour a controller or cause, in this order; more repeat.
+/// One colour a controller, in this order; more repeat.
+#[cfg(feature = "campaign")]
 pub(super) const SERIES: [&str; 7] = [BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK];
 
 const GRID: &str = "#e6e8eb";
