@@ -62,10 +62,11 @@ impl Imaging {
         if lost {
             return;
         }
-        let turn = Vector6::new(0.0, 0.0, 0.0, angular.x, angular.y, angular.z);
+        // The roll last, about the measured tangent: its noise must not reach the tangent.
+        let tilted = tip.perturbed(&Vector6::new(0.0, 0.0, 0.0, angular.x, angular.y, 0.0));
         let pose = Pose {
             position_mm: tip.position_mm + linear,
-            ..tip.perturbed(&turn)
+            ..tilted.perturbed(&Vector6::ith(5, angular.z))
         };
         self.on_their_way.push_back(Reading {
             pose,
