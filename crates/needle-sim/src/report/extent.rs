@@ -6,6 +6,9 @@ const LEAST_SIDE: f64 = 0.35;
 /// Free space around the points, as a fraction of a side.
 const MARGIN: f64 = 0.06;
 
+/// Drawn length of the longest side; the camera's distance is in the same unit.
+const LONGEST_DRAWN: f64 = 1.8;
+
 /// A box around points, never flat.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Extent {
@@ -45,6 +48,14 @@ impl Extent {
         [self.middle[axis] - half, self.middle[axis] + half]
     }
 
+    /// Lengths at which plotly draws the axes, in its own unit: the same scale on all three.
+    pub(super) fn aspect_ratio(&self) -> (f64, f64, f64) {
+        let [x, y, z] = self
+            .side
+            .map(|side| LONGEST_DRAWN * side / self.largest_span());
+        (x, y, z)
+    }
+
     /// The longest side.
     pub(super) fn largest_span(&self) -> f64 {
         self.side.into_iter().fold(0.0, f64::max)
@@ -66,6 +77,9 @@ mod tests {
             assert!(high - low >= LEAST_SIDE * 100.0);
         }
         assert_eq!(extent.range(2), [-6.0, 106.0]);
+        let (x, _, z) = extent.aspect_ratio();
+        // 35 mm against 100 mm.
+        assert!((x / z - 0.35).abs() < 1e-12);
     }
 
     #[test]

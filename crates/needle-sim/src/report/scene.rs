@@ -7,7 +7,7 @@ use super::extent::Extent;
 use super::sphere;
 use super::theme;
 use crate::record::{EllipsoidRecord, PoseRecord, RunRecord, StepRecord};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use plotly::common::{Anchor, DashType, Line, Marker, MarkerSymbol, Mode, Pad, Visible};
 use plotly::layout::update_menu::{ButtonBuilder, UpdateMenu, UpdateMenuDirection, UpdateMenuType};
 use plotly::layout::{
@@ -143,13 +143,13 @@ struct Moment {
 impl Moment {
     fn of(record: &RunRecord, step: &StepRecord, mark_mm: f64) -> Self {
         let until = &record.steps[..(step.step + 1).min(record.steps.len())];
-        let [x, y, z] = step.tip.position_mm;
-        let tip = Vector3::new(x, y, z);
-        let bevel = tip + bevel_direction(&step.tip) * mark_mm;
+        let pose = step.tip.pose();
+        // The bevel bends the tip toward body -y.
+        let bevel = pose.position_mm - pose.rotation * Vector3::y() * mark_mm;
         Self {
             time_s: step.time_s,
             shaft: Curve::through(until, MOST_POINTS_OF_A_FRAME, |step| step.tip.position_mm),
-            bevel: [tip, bevel].into_iter().map(Into::into).collect(),
+            bevel: [step.tip.position_mm, bevel.into()].into_iter().collect(),
             horizon: Curve::through(&step.predicted_mm, MOST_POINTS_OF_A_FRAME, |p| *p),
             terminal: step.terminal.as_ref().map(surface).unwrap_or_default(),
             terminal_text: step.terminal.as_ref().map(lengths).unwrap_or_default(),
@@ -196,13 +196,6 @@ impl Moment {
     }
 }
 
-/// The bevel bends the tip toward body -y.
-fn bevel_direction(tip: &PoseRecord) -> Vector3<f64> {
-    let [w, i, j, k] = tip.quaternion_wxyz;
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
-    rotation * -Vector3::y()
-}
-
 fn surface(ellipsoid: &EllipsoidRecord) -> Curve {
     let [a, b, c] = ellipsoid.half_axes_mm.map(Vector3::from);
     let centre = Vector3::from(ellipsoid.centre_mm);
@@ -226,13 +219,15 @@ fn layout(extent: &Extent, moments: &[Moment]) -> Layout {
         |title: &str, i: usize| -> Axis { theme::axis(title).range(extent.range(i).to_vec()) };
     // Depth runs to the right, the side that an unturned needle bends to (-y) up.
     let camera = Camera::new()
-        .eye((2.45, -1.15, -0.6).into())
+        .eye((1.55, -0.75, -0.4).into())
         .up((0.0, -1.0, 0.0).into());
     let scene = LayoutScene::new()
         .x_axis(axis("x, mm", 0))
         .y_axis(axis("y, mm", 1))
         .z_axis(axis("z (insertion), mm", 2))
-        .aspect_mode(AspectMode::Data)
+        // "data" would take the proportions of the data, not those of the ranges.
+        .aspect_mode(AspectMode::Manual)
+        .aspect_ratio(extent.aspect_ratio().into())
         .drag_mode(DragMode3D::Orbit)
         .camera(camera);
     let layout = theme::layout()

@@ -2,9 +2,9 @@
 
 use super::decimation::keeping_extremes;
 use super::theme;
-use crate::record::{OriginRecord, PoseRecord, RunRecord, StepRecord};
+use crate::record::{OriginRecord, RunRecord, StepRecord};
 use crate::scenario::Scenario;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use needle_control::InputLimits;
 use plotly::common::{DashType, Line, LineShape, Marker, MarkerSymbol, Mode};
 use plotly::layout::{Axis, AxisType, HoverMode, Shape, ShapeLayer, ShapeLine, ShapeType};
@@ -224,13 +224,8 @@ fn estimation_error_mm(step: &StepRecord) -> f64 {
 
 /// Angle between the tip's tangent and that of the path beside it.
 fn direction_error_deg(step: &StepRecord) -> f64 {
-    let (tip, path) = (tangent(&step.tip), tangent(&step.reference));
+    let (tip, path) = (step.tip.pose().tangent(), step.reference.pose().tangent());
     tip.cross(&path).norm().atan2(tip.dot(&path)).to_degrees()
-}
-
-fn tangent(pose: &PoseRecord) -> Vector3<f64> {
-    let [w, i, j, k] = pose.quaternion_wxyz;
-    UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k)) * Vector3::z()
 }
 
 fn time_axis(times_s: &[f64]) -> Axis {
