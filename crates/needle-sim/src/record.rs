@@ -1,6 +1,7 @@
 //! What a run leaves behind: a row a step for pictures, one flat row for campaigns. Plain numbers, for JSON and tables.
 
 use lqr::Certificate;
+use nalgebra::{Quaternion, UnitQuaternion};
 use needle_control::{Origin, StopReason};
 use needle_model::{Input, Pose};
 use serde::{Deserialize, Serialize};
@@ -175,6 +176,34 @@ impl From<Input> for InputRecord {
         Self {
             v_mm_s: input.v_mm_s,
             omega_rad_s: input.omega_rad_s,
+        }
+    }
+}
+
+impl OriginRecord {
+    /// The word of the data files.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Optimal => "optimal",
+            Self::Law => "law",
+            Self::Degraded => "degraded",
+            Self::ShiftedPlan => "shifted_plan",
+            Self::StopPathEnd => "stop_path_end",
+            Self::StopNoPlan => "stop_no_plan",
+            Self::StopNoMeasurement => "stop_no_measurement",
+        }
+    }
+}
+
+impl PoseRecord {
+    /// The pose.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        let [w, x, y, z] = self.quaternion_wxyz;
+        Pose {
+            position_mm: self.position_mm.into(),
+            rotation: UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
         }
     }
 }
