@@ -1,7 +1,7 @@
 //! What can be wrong with the configuration of a predictive controller, and the checks.
 
 use crate::limits::LimitsError;
-use crate::ltv::TerminalError;
+use crate::terminal::TerminalError;
 use mpc_qp::{ProblemError, SolveError};
 
 /// A configuration that makes no controller.

@@ -4,12 +4,15 @@ mod baseline;
 mod configuration;
 mod controller;
 mod estimator;
+mod follower;
 mod limits;
 mod ltv;
 mod nmpc;
+mod program;
 mod reconstruction;
 mod sample_clock;
 mod survival;
+mod terminal;
 mod tracking;
 
 pub use baseline::{
@@ -26,9 +29,9 @@ pub use estimator::{
 pub use limits::{InputLimits, LimitsError};
 pub use ltv::{
     LinearConfiguration, LinearController, LinearWeights, LtvController, StraightController,
-    TerminalChoice, TerminalError, TerminalRegion,
 };
 pub use nmpc::{Convergence, NmpcConfiguration, NmpcController, NmpcWeights, SpinTarget};
 pub use reconstruction::{ReconstructedPath, ReconstructionError, reconstruct_path};
 pub use survival::Survival;
+pub use terminal::{TerminalChoice, TerminalError, TerminalRegion};
 pub use tracking::Tracking;

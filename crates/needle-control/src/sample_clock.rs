@@ -7,6 +7,9 @@
 pub(crate) struct SampleClock {
     nominal_s: f64,
     last_s: Option<f64>,
+    /// Time given out since the last reading that was a number.
+    ahead_s: f64,
+    ticked: bool,
 }
 
 impl SampleClock {
@@ -15,6 +18,8 @@ impl SampleClock {
         Self {
             nominal_s,
             last_s: start_s.filter(|start| start.is_finite()),
+            ahead_s: 0.0,
+            ticked: false,
         }
     }
 
@@ -23,18 +28,26 @@ impl SampleClock {
         self.last_s
     }
 
+    /// Whether no sample has come yet.
+    pub(crate) fn is_fresh(&self) -> bool {
+        !self.ticked
+    }
+
     /// Time since the last sample, positive and finite: the nominal time where the clock does not tell. That a sample
     /// was asked for means that time has passed, whatever the clock says.
     pub(crate) fn tick(&mut self, time_s: f64) -> f64 {
-        let elapsed_s = self.last_s.map_or(self.nominal_s, |last| time_s - last);
-        if time_s.is_finite() {
-            self.last_s = Some(time_s);
+        self.ticked = true;
+        if !time_s.is_finite() {
+            self.ahead_s += self.nominal_s;
+            return self.nominal_s;
         }
-        if elapsed_s.is_finite() && elapsed_s > 0.0 {
-            elapsed_s
-        } else {
-            self.nominal_s
-        }
+        let since_s = self.last_s.map_or(self.nominal_s, |last| time_s - last);
+        // What was given out for readings that were no numbers is not given out again, if that leaves any time.
+        let elapsed_s = [since_s - self.ahead_s, since_s, self.nominal_s]
+            .into_iter()
+            .find(|elapsed| elapsed.is_finite() && *elapsed > 0.0);
+        (self.last_s, self.ahead_s) = (Some(time_s), 0.0);
+        elapsed_s.unwrap_or(self.nominal_s)
     }
 }
 
@@ -44,9 +57,16 @@ mod tests {
 
     #[test]
     fn a_clock_that_lies_costs_one_nominal_sample() {
-        let mut clock = SampleClock::new(0.1, None);
-        let readings = [7.0, 7.25, f64::NAN, 7.5, 7.0, 7.0, f64::INFINITY, 9.0];
+        let mut clock = SampleClock::new(0.25, None);
+        let readings = [7.0, 7.5, f64::NAN, 8.0, 7.0, 7.0, f64::INFINITY, 9.0];
         let elapsed: Vec<f64> = readings.iter().map(|&t| clock.tick(t)).collect();
-        assert_eq!(elapsed, [0.1, 0.25, 0.1, 0.25, 0.1, 0.1, 0.1, 2.0]);
+        assert_eq!(elapsed, [0.25, 0.5, 0.25, 0.25, 0.25, 0.25, 0.25, 1.75]);
+    }
+
+    #[test]
+    fn a_reading_soon_after_one_that_was_no_number_is_believed() {
+        let mut clock = SampleClock::new(0.25, None);
+        let elapsed = [1.0, f64::NAN, 1.125].map(|t| clock.tick(t));
+        assert_eq!(elapsed, [0.25, 0.25, 0.125]);
     }
 }

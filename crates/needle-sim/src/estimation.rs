@@ -74,7 +74,7 @@ impl Estimator {
             *latest = Some(reading.pose);
         }
         let position = Observation::Position(reading.pose.position_mm);
-        let tangent = Observation::Tangent(reading.pose.tangent());
+        let tangent = Observation::Tangent(reading.tangent);
         let seen = [Some(position), sensors.tangent_measured.then_some(tangent)];
         for observation in seen.into_iter().flatten() {
             match self {

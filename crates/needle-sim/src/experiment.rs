@@ -249,7 +249,7 @@ impl Experiment {
             measured: sample.reading.map(|reading| ReadingRecord {
                 taken_at_s: reading.taken_at_s,
                 position_mm: reading.pose.position_mm.into(),
-                tangent: tangent.then(|| reading.pose.tangent().into()),
+                tangent: tangent.then(|| reading.tangent.into()),
             }),
             estimated: measurement.pose.as_ref().map(PoseRecord::from),
             estimated_curvature_per_mm: measurement.curvature_per_mm,

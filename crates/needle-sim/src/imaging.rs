@@ -13,6 +13,8 @@ const TIME_TOLERANCE_S: f64 = 1e-9;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reading {
     pub(crate) pose: Pose,
+    /// Direction of the pose, before the roll's noise: rounding would otherwise carry the roll into it.
+    pub(crate) tangent: Vector3<f64>,
     pub(crate) taken_at_s: f64,
 }
 
@@ -62,7 +64,7 @@ impl Imaging {
         if lost {
             return;
         }
-        // The roll last, about the measured tangent: its noise must not reach the tangent.
+        // The roll last, about the measured tangent.
         let tilted = tip.perturbed(&Vector6::new(0.0, 0.0, 0.0, angular.x, angular.y, 0.0));
         let pose = Pose {
             position_mm: tip.position_mm + linear,
@@ -70,6 +72,7 @@ impl Imaging {
         };
         self.on_their_way.push_back(Reading {
             pose,
+            tangent: tilted.tangent(),
             taken_at_s: now_s,
         });
     }

@@ -120,6 +120,7 @@ impl Steering {
     /// Where its terminal set wants the tip at the horizon's end.
     pub(crate) fn terminal_region(&self) -> Option<TerminalRegion> {
         match self {
+            Self::Nmpc(controller) => controller.terminal_region(),
             Self::Ltv(controller) => controller.terminal_region(),
             Self::Straight(controller) => controller.terminal_region(),
             _ => None,

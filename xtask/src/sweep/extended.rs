@@ -122,16 +122,16 @@ fn sweep(letter: char) -> Vec<(String, Weights)> {
                     .map(|r| (format!("R{r}"), Weights { r: [r; 2], ..OUR })),
             )
             .collect(),
-        _ => [2, 4, 6, 8, 20, 50, 100]
-            .map(|horizon| {
-                let weights = Weights {
-                    r: [100.0; 2],
-                    horizon,
-                    ..OUR
-                };
-                (format!("N{horizon}"), weights)
+        // The paper's R, which forbids to steer, and one that does not.
+        _ => [("", 100.0), (" R0.01", 0.01)]
+            .into_iter()
+            .flat_map(|(suffix, r)| {
+                [2, 4, 6, 8, 20, 50, 100].map(|horizon| {
+                    let r = [r; 2];
+                    (format!("N{horizon}{suffix}"), Weights { r, horizon, ..OUR })
+                })
             })
-            .into(),
+            .collect(),
     }
 }
 
@@ -145,6 +145,9 @@ fn scenario(family: Family, controller: &str, weights: Weights) -> Result<Docume
     document.set("controller.weights.omega", omega)?;
     if controller == "ltv" {
         document.set("controller.weights.error", error.to_vec())?;
+        // The paper does not weigh changes. The controller must, for its terminal set to be bounded: a thousandth.
+        document.set("controller.weights.v_change", 1e-3 * v)?;
+        document.set("controller.weights.omega_change", 1e-3 * omega)?;
         return Ok(document);
     }
     // One weight for the three directions: the paper's of the two that the path spans.

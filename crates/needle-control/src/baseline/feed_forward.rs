@@ -36,7 +36,7 @@ impl FeedForward {
 
 impl Controller for FeedForward {
     fn step(&mut self, _measurement: &Measurement, time_s: f64) -> ControlStep<'_> {
-        let first = self.clock.last_s().is_none();
+        let first = self.clock.is_fresh();
         let elapsed_s = self.clock.tick(time_s);
         if !first {
             self.replayed_s += elapsed_s;

@@ -4,6 +4,7 @@
 use crate::baseline::settings::BaselineSettings;
 use crate::controller::{Measurement, StopReason};
 use crate::sample_clock::SampleClock;
+use crate::survival::estimated_needle;
 use needle_model::{Input, Needle, Pose, ReferencePath};
 
 /// A distance to the end of the path that counts as none, mm: a fiftieth of what imaging resolves.
@@ -69,10 +70,7 @@ impl PathTracker {
         held: Input,
         elapsed_s: f64,
     ) -> Result<Located, StopReason> {
-        let needle = measurement
-            .curvature_per_mm
-            .and_then(|curvature| Needle::new(curvature).ok())
-            .unwrap_or(self.needle);
+        let needle = estimated_needle(&self.needle, measurement).unwrap_or(self.needle);
         let pose = self.believe(measurement.pose, needle, held, elapsed_s);
         // The end is the end, seen or not.
         if self.finished {

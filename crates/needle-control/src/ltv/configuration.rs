@@ -1,10 +1,12 @@
 //! Configuration of the linear controllers.
 
-use super::terminal::TerminalChoice;
 use crate::configuration::{ConfigurationError, count, not_negative, positive};
 use crate::limits::InputLimits;
 use crate::survival::{MOST_STAGES, Survival};
+use crate::terminal::{TerminalChoice, TerminalProblem};
 use crate::tracking::Tracking;
+use nalgebra::{DMatrix, DVector, Matrix2};
+use needle_model::{Needle, ReferencePath};
 
 /// Diagonal weights; zero leaves an error out.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,8 +29,10 @@ impl Default for LinearWeights {
             error: [1.0, 1.0, 1.0, 10.0, 10.0, 1.0],
             v: 0.1,
             omega: 0.1,
-            v_change: 0.01,
-            omega_change: 0.01,
+            // A cheap change lets the last input fill the terminal set: with 0.01 it reaches 0.11 mm across a helix, with 1
+            // 0.84 mm, and the closed loop is as fast.
+            v_change: 1.0,
+            omega_change: 1.0,
         }
     }
 }
@@ -84,5 +88,47 @@ impl LinearConfiguration {
         positive("weights.omega", self.weights.omega)?;
         positive("weights.v_change", self.weights.v_change)?;
         positive("weights.omega_change", self.weights.omega_change)
+    }
+}
+
+impl LinearWeights {
+    pub(crate) fn of_input(&self) -> Matrix2<f64> {
+        Matrix2::new(self.v, 0.0, 0.0, self.omega)
+    }
+
+    pub(crate) fn of_change(&self) -> Matrix2<f64> {
+        Matrix2::new(self.v_change, 0.0, 0.0, self.omega_change)
+    }
+
+    /// Weight of the chosen coordinates of the error.
+    fn of_error(&self, coordinates: &[usize]) -> DMatrix<f64> {
+        let diagonal = coordinates.iter().map(|&i| self.error[i]);
+        DMatrix::from_diagonal(&DVector::from_iterator(coordinates.len(), diagonal))
+    }
+}
+
+impl LinearConfiguration {
+    pub(crate) fn terminal_problem<'a>(
+        &self,
+        needle: Needle,
+        path: &'a ReferencePath,
+        coordinates: &'static [usize],
+    ) -> TerminalProblem<'a> {
+        let (weights, n) = (&self.weights, coordinates.len());
+        let q = weights.of_error(coordinates);
+        let mut end = DMatrix::zeros(n + 2, n + 2);
+        end.view_mut((0, 0), (n, n)).copy_from(&q);
+        end.view_mut((n, n), (2, 2)).copy_from(&weights.of_input());
+        TerminalProblem {
+            needle,
+            path,
+            dt_s: self.dt_s,
+            limits: self.limits,
+            coordinates,
+            q,
+            r: weights.of_input(),
+            r_rate: Some(weights.of_change()),
+            end,
+        }
     }
 }

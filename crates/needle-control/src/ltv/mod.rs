@@ -5,43 +5,40 @@
 //! the paper's problem. Both share this file; they differ in the coordinates of the error and the terminal choices.
 
 mod configuration;
-mod ingredients;
 mod regulator;
-mod terminal;
-mod terminal_region;
 
 pub use configuration::{LinearConfiguration, LinearWeights};
-pub use terminal::{TerminalChoice, TerminalError};
-pub use terminal_region::TerminalRegion;
 
 use crate::configuration::ConfigurationError;
 use crate::controller::{
     ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
 };
-use crate::survival::{Guard, Sample, estimated_needle};
+use crate::follower::Follower;
+use crate::program::structured;
+use crate::survival::{Guard, Sample};
+use crate::terminal::{
+    ALL_COORDINATES, Chosen, DEPTH_AND_ROLL, Ingredients, TerminalChoice, TerminalRegion,
+};
 use crate::tracking::Tracker;
-use ingredients::Chosen;
 use lqr::Certificate;
 use mpc_qp::{ConstraintGroup, OcpQp, OcpSolver, SolveError, StructuredSolver};
-use nalgebra::{DMatrix, Matrix2, SMatrix, SVector, Vector2, Vector6};
+use nalgebra::{SMatrix, SVector, Vector2, Vector6};
 use needle_model::{Input, Needle, Pose, ReferencePath, StepError};
-use regulator::{Regulator, structured, weighted_stage};
+use regulator::{Regulator, weighted_stage};
 use std::time::Instant;
-use terminal::Ingredients;
 
 /// Model predictive controller linearised along the reference; `NX` counts the coordinates of the error and the two inputs.
 #[derive(Debug, Clone)]
 pub struct LinearController<S, const NX: usize> {
     configuration: LinearConfiguration,
     coordinates: &'static [usize],
-    model: Needle,
-    needle: Needle,
-    tracker: Tracker,
-    guard: Guard,
+    follower: Follower,
     regulator: Regulator<S, NX>,
     ingredients: Ingredients,
     chosen: TerminalChoice,
     predicted: Vec<Pose>,
+    /// Error of the last pose that was solved from.
+    present: Vector6<f64>,
     lag_s: f64,
     value: f64,
     statistics: SolverStatistics,
@@ -52,9 +49,6 @@ pub type LtvController<S = StructuredSolver<8, 2>> = LinearController<S, 8>;
 
 /// Controller of the straight needle: depth and roll.
 pub type StraightController<S = StructuredSolver<4, 2>> = LinearController<S, 4>;
-
-const ALL_COORDINATES: &[usize] = &[0, 1, 2, 3, 4, 5];
-const DEPTH_AND_ROLL: &[usize] = &[2, 5];
 
 impl LtvController {
     /// A controller at the start of `path`, at rest, on the structured solver.
@@ -83,12 +77,14 @@ impl<S: OcpSolver<8, 2>> LtvController<S> {
         make_solver: impl FnMut(&OcpQp<8, 2>) -> Result<S, SolveError>,
     ) -> Result<Self, ConfigurationError> {
         configuration.validate()?;
-        let chosen = ingredients::along_path(needle, &path, &configuration)?;
+        let coordinates = ALL_COORDINATES;
+        let problem = configuration.terminal_problem(needle, &path, coordinates);
+        let chosen = problem.choose(configuration.terminal)?;
         Self::assemble(
             needle,
             path,
             configuration,
-            ALL_COORDINATES,
+            coordinates,
             chosen,
             make_solver,
         )
@@ -122,12 +118,14 @@ impl<S: OcpSolver<4, 2>> StraightController<S> {
         make_solver: impl FnMut(&OcpQp<4, 2>) -> Result<S, SolveError>,
     ) -> Result<Self, ConfigurationError> {
         configuration.validate()?;
-        let chosen = ingredients::of_straight_needle(needle, &path, &configuration)?;
+        let coordinates = DEPTH_AND_ROLL;
+        let problem = configuration.terminal_problem(needle, &path, coordinates);
+        let chosen = problem.choose_straight(configuration.terminal)?;
         Self::assemble(
             needle,
             path,
             configuration,
-            DEPTH_AND_ROLL,
+            coordinates,
             chosen,
             make_solver,
         )
@@ -162,14 +160,16 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         let stage = weighted_stage(&q, &weights.of_input(), &weights.of_change());
         Ok(Self {
             coordinates,
-            model: needle,
-            needle,
-            tracker: Tracker::new(path, tracking, dt_s, horizon),
-            guard: Guard::new(survival, limits, dt_s, horizon),
+            follower: Follower::new(
+                needle,
+                Tracker::new(path, tracking, dt_s, horizon),
+                Guard::new(survival, limits, dt_s, horizon),
+            ),
             regulator: Regulator::new(stage, horizon, limits, dt_s, &ingredients, make_solver)?,
             ingredients,
             chosen: choice,
             predicted: vec![Pose::identity(); horizon + 1],
+            present: Vector6::zeros(),
             lag_s: 0.0,
             value: f64::NAN,
             statistics: SolverStatistics::default(),
@@ -195,6 +195,13 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         self.ingredients.certificate.as_ref()
     }
 
+    /// Where the terminal set of the last step wants the tip at the horizon's end; `None` without a set.
+    #[must_use]
+    pub fn terminal_region(&self) -> Option<TerminalRegion> {
+        let tracker = &self.follower.tracker;
+        TerminalRegion::at_horizon_end(tracker, &self.ingredients, self.coordinates)
+    }
+
     /// Optimal cost V_N of the last step that was solved, in the units of the weights; NaN before.
     #[must_use]
     pub fn value(&self) -> f64 {
@@ -207,28 +214,23 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         time_s: f64,
         started: Instant,
     ) -> (Input, Origin) {
-        if let Some(needle) = estimated_needle(&self.model, measurement) {
-            self.needle = needle;
-        }
-        let sample = self.guard.accept(&self.needle, measurement, time_s);
-        self.tracker.advance(sample.elapsed_s, sample.pose.as_ref());
+        let sample = self.follower.observe(measurement, time_s);
         self.shift(sample.elapsed_s);
-        if self.tracker.finished(sample.pose.as_ref()) {
-            return self.guard.stop(&sample, StopReason::PathEnd);
+        if let Some(step) = self.follower.without_plan(&sample) {
+            return step;
         }
-        let Some(pose) = sample.pose else {
-            return self.guard.fall_back(&sample, StopReason::NoMeasurement);
-        };
-        match self.solve(&pose, &sample) {
-            Some(origin) if !self.guard.late(started.elapsed()) => {
-                let (wanted, solution) = (&self.tracker.inputs, self.regulator.solution());
+        let origin = sample.pose.and_then(|pose| self.solve(&pose, &sample));
+        let Follower { tracker, guard, .. } = &mut self.follower;
+        match origin {
+            Some(origin) if !guard.late(started.elapsed()) => {
+                let (wanted, solution) = (&tracker.inputs, self.regulator.solution());
                 let planned = wanted.iter().zip(&solution.u).map(|(u, d)| absolute(*u, d));
-                self.guard.keep(planned);
-                let input = absolute(wanted[0], &solution.u[0]);
-                self.predict(&pose);
-                (self.guard.apply(input, &sample), origin)
+                guard.keep(planned);
+                let input = guard.apply(absolute(wanted[0], &solution.u[0]), &sample);
+                self.predict();
+                (input, origin)
             }
-            _ => self.guard.fall_back(&sample, StopReason::NoPlan),
+            _ => guard.fall_back(&sample, StopReason::NoPlan),
         }
     }
 
@@ -246,22 +248,27 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
     /// Solves from a pose; `None` without a usable answer.
     fn solve(&mut self, pose: &Pose, sample: &Sample) -> Option<Origin> {
         self.linearise().ok()?;
+        let Follower { tracker, guard, .. } = &self.follower;
+        // The deviation applied last was one from the reference's input at that time.
+        let before = tracker.input_before();
         self.regulator
-            .set_limits(&self.tracker.inputs, sample.reach_s);
-        let xi = pose.error_from(&self.tracker.poses[0]);
+            .set_limits(before, &tracker.inputs, sample.reach_s);
+        let xi = pose.error_from(&tracker.poses[0]);
+        self.present = xi;
         let mut error = SVector::<f64, NX>::zeros();
         for (i, &coordinate) in self.coordinates.iter().enumerate() {
             error[i] = xi[coordinate];
         }
-        let (previous, wanted) = (self.guard.previous(), self.tracker.inputs[0]);
+        let previous = guard.previous();
         let previous = Vector2::new(
-            previous.v_mm_s - wanted.v_mm_s,
-            previous.omega_rad_s - wanted.omega_rad_s,
+            previous.v_mm_s - before.v_mm_s,
+            previous.omega_rad_s - before.omega_rad_s,
         );
-        let end_step = self.tracker.step() + self.configuration.horizon;
+        let end_step = tracker.step() + self.configuration.horizon;
         let answer = self
             .regulator
-            .solve(&error, &previous, &self.ingredients, end_step);
+            .solve(&error, &previous, &self.ingredients, end_step)
+            .ok()?;
         self.statistics.status = Some(answer.status);
         self.statistics.solves += answer.solves;
         self.statistics.iterations += answer.iterations;
@@ -282,10 +289,11 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
     }
 
     fn linearise(&mut self) -> Result<(), StepError> {
-        let (tracker, dt_s) = (&self.tracker, self.configuration.dt_s);
+        let (tracker, dt_s) = (&self.follower.tracker, self.configuration.dt_s);
         for k in 0..self.configuration.horizon {
             let (here, next) = (&tracker.poses[k], &tracker.poses[k + 1]);
             let link = self
+                .follower
                 .needle
                 .step_residual(here, tracker.inputs[k], next, dt_s)?
                 .solved_for_target();
@@ -304,34 +312,15 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
     }
 
     /// Poses of the plan; coordinates outside the model keep the present error.
-    fn predict(&mut self, pose: &Pose) {
-        let present = pose.error_from(&self.tracker.poses[0]);
+    fn predict(&mut self) {
+        let reference = &self.follower.tracker.poses;
         for (k, x) in self.regulator.solution().x.iter().enumerate() {
-            let mut xi: Vector6<f64> = present;
+            let mut xi = self.present;
             for (i, &coordinate) in self.coordinates.iter().enumerate() {
                 xi[coordinate] = x[i];
             }
-            self.predicted[k] = self.tracker.poses[k].perturbed(&xi);
+            self.predicted[k] = reference[k].perturbed(&xi);
         }
-    }
-}
-
-impl LinearWeights {
-    fn of_input(&self) -> Matrix2<f64> {
-        Matrix2::new(self.v, 0.0, 0.0, self.omega)
-    }
-
-    fn of_change(&self) -> Matrix2<f64> {
-        Matrix2::new(self.v_change, 0.0, 0.0, self.omega_change)
-    }
-
-    /// Weight of the chosen coordinates of the error.
-    fn of_error(&self, coordinates: &[usize]) -> DMatrix<f64> {
-        let diagonal = coordinates.iter().map(|&i| self.error[i]);
-        DMatrix::from_diagonal(&nalgebra::DVector::from_iterator(
-            coordinates.len(),
-            diagonal,
-        ))
     }
 }
 
@@ -361,9 +350,7 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Controller for LinearController<S, NX
     }
 
     fn reset(&mut self) {
-        self.needle = self.model;
-        self.tracker.reset();
-        self.guard.reset();
+        self.follower.reset();
         self.regulator.shift(usize::MAX);
         self.lag_s = 0.0;
         self.value = f64::NAN;

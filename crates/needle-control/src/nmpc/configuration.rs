@@ -4,6 +4,7 @@ use super::cost::NmpcWeights;
 use crate::configuration::{ConfigurationError, count, not_negative, positive};
 use crate::limits::InputLimits;
 use crate::survival::{MOST_STAGES, Survival};
+use crate::terminal::TerminalChoice;
 use crate::tracking::Tracking;
 
 /// What the spin's weight pulls toward.
@@ -43,6 +44,9 @@ pub struct NmpcConfiguration {
     pub weights: NmpcWeights,
     /// What the spin's weight pulls toward.
     pub spin_target: SpinTarget,
+    /// Terminal cost and set. Ingredients need a path that this needle executes and [`SpinTarget::Reference`]; `Auto` and `None` put
+    /// the end weights at the end otherwise.
+    pub terminal: TerminalChoice,
     /// What fixes the present point of the path.
     pub tracking: Tracking,
     /// How far each step is solved.
@@ -64,9 +68,10 @@ impl Default for NmpcConfiguration {
             limits: InputLimits::default(),
             weights: NmpcWeights::default(),
             spin_target: SpinTarget::default(),
+            terminal: TerminalChoice::default(),
             tracking: Tracking::default(),
             convergence: Convergence::RealTime,
-            damping: 0.2,
+            damping: 0.07,
             start_iterations: 8,
             survival: Survival::default(),
         }

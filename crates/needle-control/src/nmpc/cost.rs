@@ -35,12 +35,12 @@ impl Default for NmpcWeights {
     fn default() -> Self {
         Self {
             position: 1.0,
-            tangent: 25.0,
+            tangent: 12.5,
             roll: 0.0,
             v: 1.0,
-            omega: 4.5e-5,
-            end_position: 1.0,
-            end_tangent: 25.0,
+            omega: 5.0e-5,
+            end_position: 0.25,
+            end_tangent: 45.0,
             end_roll: 0.0,
         }
     }

@@ -2,12 +2,18 @@
 //!
 //! Each step shifts the plan of the step before, moves it to the measured pose and improves it: by one Gauss-Newton step (the
 //! real-time iteration of Diehl, Bock and Schloeder, 2005) or until it converges. The first plan is the best of three
-//! candidates: the reference's inputs, and the guessed spin in either sense. Left out: state constraints.
+//! candidates: the reference's inputs, and the guessed spin in either sense. Along a path that the needle executes the horizon can
+//! end in a terminal set, with a certificate. Left out: state constraints.
 
 mod configuration;
 mod cost;
+mod end;
+mod line_search;
+mod plan;
 mod shooting;
 mod spin;
+mod start;
+mod terminal;
 
 pub use configuration::{Convergence, NmpcConfiguration, SpinTarget};
 pub use cost::NmpcWeights;
@@ -16,26 +22,30 @@ use crate::configuration::ConfigurationError;
 use crate::controller::{
     ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
 };
-use crate::survival::{Guard, Sample, estimated_needle};
+use crate::follower::Follower;
+use crate::program::structured;
+use crate::survival::{Guard, Sample};
+use crate::terminal::{ALL_COORDINATES, Chosen, TerminalChoice, TerminalRegion};
 use crate::tracking::Tracker;
-use mpc_qp::{OcpQp, OcpSolver, SolveError, SolveStatus, SolverSettings, StructuredSolver};
+use lqr::Certificate;
+use mpc_qp::{ConstraintGroup, OcpQp, OcpSolver, SolveError, StructuredSolver};
 use needle_model::{Input, Needle, Pose, ReferencePath};
-use shooting::{Plan, Shooting};
-use spin::{Sense, SpinLaw};
+use plan::Plan;
+use shooting::Shooting;
 use std::time::Instant;
 
 /// Nonlinear model predictive controller of a bevel-tip needle along a path.
 #[derive(Debug, Clone)]
 pub struct NmpcController<S = StructuredSolver<6, 2>> {
     configuration: NmpcConfiguration,
-    model: Needle,
-    needle: Needle,
-    tracker: Tracker,
-    guard: Guard,
+    follower: Follower,
+    chosen: Chosen,
     shooting: Shooting<S>,
     candidate: Plan,
     /// Whether the plan is one, and the time by which it lags the present sample, s.
     planned: Option<f64>,
+    /// How far the last plan's end is outside the terminal set.
+    violation: f64,
     statistics: SolverStatistics,
 }
 
@@ -49,13 +59,8 @@ impl NmpcController {
         path: ReferencePath,
         configuration: NmpcConfiguration,
     ) -> Result<Self, ConfigurationError> {
-        let settings = SolverSettings {
-            time_limit: configuration.survival.deadline,
-            ..SolverSettings::default()
-        };
-        Self::with_solver(needle, path, configuration, |problem| {
-            StructuredSolver::new(problem, settings)
-        })
+        let make_solver = structured(configuration.survival.deadline);
+        Self::with_solver(needle, path, configuration, make_solver)
     }
 }
 
@@ -68,7 +73,7 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         needle: Needle,
         path: ReferencePath,
         configuration: NmpcConfiguration,
-        make_solver: impl FnOnce(&OcpQp<6, 2>) -> Result<S, SolveError>,
+        make_solver: impl FnMut(&OcpQp<6, 2>) -> Result<S, SolveError>,
     ) -> Result<Self, ConfigurationError> {
         configuration.validate()?;
         let NmpcConfiguration {
@@ -79,15 +84,20 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
             survival,
             ..
         } = configuration;
-        let shooting = Shooting::new(&configuration, make_solver)?;
+        let chosen = terminal::chosen(needle, &path, &configuration)?;
+        let with_set = chosen.ingredients.at(0).level.is_some();
+        let shooting = Shooting::new(&configuration, with_set, make_solver)?;
         Ok(Self {
-            model: needle,
-            needle,
-            tracker: Tracker::new(path, tracking, dt_s, horizon),
-            guard: Guard::new(survival, limits, dt_s, horizon),
+            follower: Follower::new(
+                needle,
+                Tracker::new(path, tracking, dt_s, horizon),
+                Guard::new(survival, limits, dt_s, horizon),
+            ),
+            chosen,
             candidate: shooting.plan.clone(),
             shooting,
             planned: None,
+            violation: 0.0,
             statistics: SolverStatistics::default(),
             configuration,
         })
@@ -102,7 +112,34 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
     /// The path followed.
     #[must_use]
     pub fn path(&self) -> &ReferencePath {
-        self.tracker.path()
+        self.follower.tracker.path()
+    }
+
+    /// The terminal choice in force; never [`TerminalChoice::Auto`].
+    #[must_use]
+    pub fn terminal(&self) -> TerminalChoice {
+        self.chosen.choice
+    }
+
+    /// What is claimed of the terminal ingredients, check by check; `None` without any. The last check is about the needle itself, the
+    /// others about the linearised one.
+    #[must_use]
+    pub fn certificate(&self) -> Option<&Certificate> {
+        self.chosen.ingredients.certificate.as_ref()
+    }
+
+    /// Where the terminal set of the last step wants the tip at the horizon's end; `None` without a set.
+    #[must_use]
+    pub fn terminal_region(&self) -> Option<TerminalRegion> {
+        let tracker = &self.follower.tracker;
+        TerminalRegion::at_horizon_end(tracker, &self.chosen.ingredients, ALL_COORDINATES)
+    }
+
+    /// Cost V_N of the present plan, in the units of the weights.
+    #[must_use]
+    pub fn value(&self) -> f64 {
+        self.shooting
+            .cost(&self.shooting.plan, &self.follower.tracker)
     }
 
     fn decide(
@@ -111,65 +148,32 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         time_s: f64,
         started: Instant,
     ) -> (Input, Origin) {
-        if let Some(needle) = estimated_needle(&self.model, measurement) {
-            self.needle = needle;
-        }
-        let sample = self.guard.accept(&self.needle, measurement, time_s);
-        self.tracker.advance(sample.elapsed_s, sample.pose.as_ref());
+        let sample = self.follower.observe(measurement, time_s);
         self.shift(sample.elapsed_s);
-        if self.tracker.finished(sample.pose.as_ref()) {
-            self.planned = None;
-            return self.guard.stop(&sample, StopReason::PathEnd);
+        if let Some(step) = self.follower.without_plan(&sample) {
+            return step;
         }
-        let Some(pose) = sample.pose else {
-            return self.guard.fall_back(&sample, StopReason::NoMeasurement);
+        let end_step = self.follower.tracker.step() + self.configuration.horizon;
+        self.shooting.end_with(self.chosen.form(end_step));
+        let improved = sample
+            .pose
+            .is_some_and(|pose| self.improve(&pose, &sample, started));
+        let outside = self.shooting.outside(&self.follower.tracker);
+        let violation = self.violation.max(outside);
+        let guard = &mut self.follower.guard;
+        if !improved || guard.late(started.elapsed()) {
+            return guard.fall_back(&sample, StopReason::NoPlan);
+        }
+        let inputs = &self.shooting.plan.inputs;
+        guard.keep(inputs.iter().copied());
+        let origin = match violation > 0.0 {
+            true => Origin::Degraded {
+                softened: ConstraintGroup::TerminalSet,
+                violation,
+            },
+            false => Origin::Optimal,
         };
-        if self.improve(&pose, &sample, started) && !self.guard.late(started.elapsed()) {
-            let input = self.shooting.plan.inputs[0];
-            self.guard.keep(self.shooting.plan.inputs.iter().copied());
-            return (self.guard.apply(input, &sample), Origin::Optimal);
-        }
-        self.guard.fall_back(&sample, StopReason::NoPlan)
-    }
-
-    /// Shifts the plan by the whole steps that have passed since it was made and fills its end.
-    fn shift(&mut self, elapsed_s: f64) {
-        let Some(lag_s) = self.planned else { return };
-        let (dt_s, horizon) = (self.configuration.dt_s, self.configuration.horizon);
-        let steps = ((lag_s + elapsed_s) / dt_s).round();
-        if steps >= horizon as f64 {
-            self.planned = None;
-            self.shooting.forget();
-            return;
-        }
-        self.planned = Some(lag_s + elapsed_s - steps * dt_s);
-        self.shooting.shift_guess(steps as usize);
-        let first = self.shooting.plan.shift(steps as usize);
-        let spin: f64 = self.shooting.plan.inputs[..first]
-            .iter()
-            .map(|u| u.omega_rad_s)
-            .sum();
-        let sense = if spin < 0.0 {
-            Sense::Negative
-        } else {
-            Sense::Positive
-        };
-        let (law, needle, tracker) = (self.law(), self.needle, &self.tracker);
-        fill(
-            &mut self.shooting.plan,
-            first,
-            &needle,
-            tracker,
-            |pose, k| law.input(&needle, tracker, pose, k, sense),
-            dt_s,
-        );
-    }
-
-    fn law(&self) -> SpinLaw {
-        SpinLaw {
-            omega_max_rad_s: self.configuration.limits.omega_max_rad_s,
-            dt_s: self.configuration.dt_s,
-        }
+        (guard.apply(inputs[0], &sample), origin)
     }
 
     /// Improves the plan from `pose`; false if no usable plan results.
@@ -179,9 +183,7 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         }
         self.shooting.plan.embed(pose);
         let good = match self.configuration.convergence {
-            Convergence::RealTime => {
-                self.solve(sample).has_solution() && self.shooting.take_full_step()
-            }
+            Convergence::RealTime => self.solve(sample) && self.shooting.take_full_step(),
             Convergence::Full {
                 tolerance,
                 max_iterations,
@@ -195,122 +197,45 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         good
     }
 
-    fn solve(&mut self, sample: &Sample) -> SolveStatus {
-        let previous = self.guard.previous();
-        let (status, iterations) =
-            self.shooting
-                .solve(&self.needle, &self.tracker, previous, sample.reach_s);
-        self.statistics.status = Some(status);
-        self.statistics.solves += 1;
-        self.statistics.iterations += iterations;
-        status
+    /// Solves for a step; false without one.
+    fn solve(&mut self, sample: &Sample) -> bool {
+        let Follower {
+            needle,
+            tracker,
+            guard,
+            ..
+        } = &self.follower;
+        let account = self
+            .shooting
+            .solve(needle, tracker, guard.previous(), sample.reach_s);
+        self.statistics.status = Some(account.status);
+        self.statistics.solves += account.solves;
+        self.statistics.iterations += account.iterations;
+        self.violation = account.violation;
+        account.status.has_solution()
     }
 
     /// Gauss-Newton steps with a line search; false only if the first one fails.
     fn converge(&mut self, sample: &Sample, started: Instant, tolerance: f64, most: usize) -> bool {
         for iteration in 0..most {
-            if iteration > 0 && self.guard.late(2 * started.elapsed()) {
+            if iteration > 0 && self.follower.guard.late(2 * started.elapsed()) {
                 break;
             }
-            if !self.solve(sample).has_solution() {
+            if !self.solve(sample) {
                 return iteration > 0;
             }
             let small = self.shooting.step_size() < tolerance;
             if small {
                 return self.shooting.take_full_step();
             }
-            if !self.shooting.search(&self.needle, &self.tracker) {
+            let Follower {
+                needle, tracker, ..
+            } = &self.follower;
+            if !self.shooting.search(needle, tracker) {
                 break;
             }
         }
         true
-    }
-
-    /// The best of the reference's inputs and the guessed spins, each improved a little.
-    fn plan_afresh(&mut self, pose: &Pose, sample: &Sample, started: Instant) -> bool {
-        let (law, needle, dt_s) = (self.law(), self.needle, self.configuration.dt_s);
-        let mut best = f64::INFINITY;
-        for sense in [Some(Sense::Positive), Some(Sense::Negative), None] {
-            if best.is_finite() && self.guard.late(2 * started.elapsed()) {
-                break;
-            }
-            self.shooting.forget();
-            let tracker = &self.tracker;
-            self.shooting.plan.poses[0] = *pose;
-            fill(
-                &mut self.shooting.plan,
-                0,
-                &needle,
-                tracker,
-                |pose, k| match sense {
-                    Some(sense) => law.input(&needle, tracker, pose, k, sense),
-                    None => tracker.inputs[k],
-                },
-                dt_s,
-            );
-            if !self.converge(sample, started, 1e-6, self.configuration.start_iterations) {
-                continue;
-            }
-            let cost = self.shooting.cost(&self.shooting.plan, &self.tracker);
-            if cost < best {
-                best = cost;
-                self.candidate
-                    .poses
-                    .copy_from_slice(&self.shooting.plan.poses);
-                self.candidate
-                    .inputs
-                    .copy_from_slice(&self.shooting.plan.inputs);
-            }
-        }
-        std::mem::swap(&mut self.shooting.plan, &mut self.candidate);
-        self.shooting.forget();
-        self.planned = best.is_finite().then_some(0.0);
-        best.is_finite()
-    }
-}
-
-impl SpinLaw {
-    /// The guess of stage `k` from `pose`: the reference's speed and the guessed spin.
-    fn input(
-        &self,
-        needle: &Needle,
-        tracker: &Tracker,
-        pose: &Pose,
-        k: usize,
-        sense: Sense,
-    ) -> Input {
-        let v_mm_s = tracker.inputs[k].v_mm_s;
-        // Rotation at rest bends nothing.
-        let omega_rad_s = match v_mm_s == 0.0 {
-            true => 0.0,
-            false => self.omega_rad_s(needle, pose, &tracker.bending_per_mm(k), sense),
-        };
-        Input {
-            v_mm_s,
-            omega_rad_s,
-        }
-    }
-}
-
-/// Fills the plan from stage `first` on by simulation; an input that is not finite is rest.
-fn fill(
-    plan: &mut Plan,
-    first: usize,
-    needle: &Needle,
-    tracker: &Tracker,
-    input: impl Fn(&Pose, usize) -> Input,
-    dt_s: f64,
-) {
-    debug_assert_eq!(plan.inputs.len(), tracker.inputs.len());
-    for k in first..plan.inputs.len() {
-        let pose = plan.poses[k];
-        let wanted = input(&pose, k);
-        let (input, next) = match needle.step(&pose, wanted, dt_s) {
-            Ok(next) => (wanted, next),
-            Err(_) => (Input::ZERO, pose),
-        };
-        plan.inputs[k] = input;
-        plan.poses[k + 1] = next;
     }
 }
 
@@ -333,9 +258,7 @@ impl<S: OcpSolver<6, 2>> Controller for NmpcController<S> {
     }
 
     fn reset(&mut self) {
-        self.needle = self.model;
-        self.tracker.reset();
-        self.guard.reset();
+        self.follower.reset();
         self.shooting.forget();
         self.planned = None;
     }

@@ -14,83 +14,41 @@
 
 use super::configuration::{NmpcConfiguration, SpinTarget};
 use super::cost::NmpcWeights;
+use super::end::{Form, HorizonEnd, Takeover, blank_goal};
+use super::plan::Plan;
 use crate::configuration::ConfigurationError;
 use crate::limits::InputLimits;
+use crate::program::{Account, Goal, Programs};
 use crate::tracking::Tracker;
-use mpc_qp::{OcpQp, OcpSolver, Solution, SolveError, SolveStatus, Stage, Start, Terminal};
-use nalgebra::{Matrix6, Matrix6x2, Vector2, Vector6};
-use needle_model::{Input, Needle, Pose, StepError};
-
-/// Step lengths of a line search, largest first: 1, 1/2, ... .
-const LINE_SEARCH_STEPS: i32 = 12;
-
-/// Fraction of the predicted decrease that a step must bring (Armijo).
-const SUFFICIENT_DECREASE: f64 = 1e-4;
+use mpc_qp::{OcpQp, OcpSolver, SolveError, SolveStatus, Stage, Terminal};
+use nalgebra::{Matrix2, Matrix6, Matrix6x2, Vector2, Vector6};
+use needle_model::{Input, Needle, StepError};
 
 /// The plan and the memory to improve it.
 #[derive(Debug, Clone)]
 pub(crate) struct Shooting<S> {
-    weights: NmpcWeights,
+    pub(super) weights: NmpcWeights,
     spin_target: SpinTarget,
     limits: InputLimits,
-    dt_s: f64,
+    pub(super) dt_s: f64,
     damping: f64,
-    problem: OcpQp<6, 2>,
+    pub(super) programs: Programs<S, 6>,
     stage: Stage<6, 2>,
     terminal: Terminal<6>,
-    solver: S,
-    solution: Solution<6, 2>,
-    start: Start,
-    penalty: f64,
-    trial: Plan,
+    goal: Goal<6>,
+    pub(super) end: HorizonEnd,
+    pub(super) penalty: f64,
+    pub(super) trial: Plan,
     /// The plan.
     pub(crate) plan: Plan,
 }
 
-/// Poses g_0..g_N and inputs u_0..u_{N-1}.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Plan {
-    pub(crate) poses: Vec<Pose>,
-    pub(crate) inputs: Vec<Input>,
-}
-
-impl Plan {
-    fn at_rest(horizon: usize) -> Self {
-        Self {
-            poses: vec![Pose::identity(); horizon + 1],
-            inputs: vec![Input::ZERO; horizon],
-        }
-    }
-
-    /// Moves the plan rigidly so that it starts at `pose`.
-    pub(crate) fn embed(&mut self, pose: &Pose) {
-        let first = self.poses[0];
-        for planned in &mut self.poses {
-            *planned = pose.compose(&first.relative(planned));
-        }
-        self.poses[0] = *pose;
-    }
-
-    /// Drops the first `steps` stages; the last ones are left for the caller to fill. Returns the first of these.
-    pub(crate) fn shift(&mut self, steps: usize) -> usize {
-        let n = self.inputs.len();
-        let steps = steps.min(n);
-        self.poses.copy_within(steps.., 0);
-        self.inputs.copy_within(steps.., 0);
-        n - steps
-    }
-
-    fn is_finite(&self) -> bool {
-        let sum: f64 = self.inputs.iter().map(|u| u.v_mm_s + u.omega_rad_s).sum();
-        sum.is_finite() && self.poses.iter().all(Pose::is_finite)
-    }
-}
-
 impl<S: OcpSolver<6, 2>> Shooting<S> {
-    /// Memory for a configuration that is valid.
+    /// Memory for a configuration that is valid; `with_set` if a terminal set will be asked for.
     pub(crate) fn new(
         configuration: &NmpcConfiguration,
-        make_solver: impl FnOnce(&OcpQp<6, 2>) -> Result<S, SolveError>,
+        with_set: bool,
+        make_solver: impl FnMut(&OcpQp<6, 2>) -> Result<S, SolveError>,
     ) -> Result<Self, ConfigurationError> {
         let NmpcConfiguration {
             horizon,
@@ -102,36 +60,41 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
             ..
         } = *configuration;
         let mut stage = Stage::new(Matrix6::identity(), Matrix6x2::zeros());
-        stage.r = nalgebra::Matrix2::new(weights.v, 0.0, 0.0, weights.omega);
+        stage.r = Matrix2::new(weights.v, 0.0, 0.0, weights.omega);
         stage.u_min = Vector2::new(limits.v_min_mm_s, -limits.omega_max_rad_s);
         stage.u_max = Vector2::new(limits.v_max_mm_s, limits.omega_max_rad_s);
-        stage.du_max = Vector2::new(
-            limits.v_rate_max_mm_s2 * dt_s,
-            limits.omega_rate_max_rad_s2 * dt_s,
-        );
+        stage.du_max = rates(&limits) * dt_s;
         stage.du_min = -stage.du_max;
         let terminal = Terminal::new(Matrix6::zeros());
         let stages = vec![stage.clone(); horizon];
         let problem = OcpQp::new(Vector6::zeros(), stages, terminal.clone())?;
+        let goal = blank_goal();
         Ok(Self {
             weights,
             spin_target,
             limits,
             dt_s,
             damping,
-            solver: make_solver(&problem)?,
-            solution: Solution::new(&problem),
-            problem,
+            programs: Programs::new(problem, with_set.then_some(&goal), make_solver)?,
             stage,
             terminal,
-            start: Start::Cold,
+            goal,
+            end: HorizonEnd::Weights(weights.end()),
             penalty: 0.0,
             trial: Plan::at_rest(horizon),
             plan: Plan::at_rest(horizon),
         })
     }
 
-    fn wanted(&self, tracker: &Tracker, k: usize) -> Input {
+    /// What stands at the end of the horizon from now on; without a form the end weights.
+    pub(crate) fn end_with(&mut self, form: Option<Form>) {
+        self.end = match form {
+            Some(form) => HorizonEnd::Form(form),
+            None => HorizonEnd::Weights(self.weights.end()),
+        };
+    }
+
+    pub(super) fn wanted(&self, tracker: &Tracker, k: usize) -> Input {
         match self.spin_target {
             SpinTarget::Reference => tracker.inputs[k],
             SpinTarget::Rest => Input {
@@ -141,10 +104,10 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
         }
     }
 
-    /// Cost of the plan.
+    /// Cost of a plan.
     pub(crate) fn cost(&self, plan: &Plan, tracker: &Tracker) -> f64 {
         let n = plan.inputs.len();
-        let (running, end) = (self.weights.running(), self.weights.end());
+        let running = self.weights.running();
         let stages: f64 = (0..n)
             .map(|k| {
                 running.of_pose(&plan.poses[k], &tracker.poses[k])
@@ -153,22 +116,28 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
                         .of_input(plan.inputs[k], self.wanted(tracker, k))
             })
             .sum();
-        stages + end.of_pose(&plan.poses[n], &tracker.poses[n])
+        stages + self.end.of_pose(&plan.poses[n], &tracker.poses[n])
     }
 
-    /// Writes the quadratic program of the plan. `previous` was applied last, `reach_s` ago.
+    /// How far the plan's end is outside the terminal set, in `sqrt(xi'P xi)`.
+    pub(crate) fn outside(&self, tracker: &Tracker) -> f64 {
+        let n = self.plan.inputs.len();
+        self.end.outside(&self.plan.poses[n], &tracker.poses[n])
+    }
+
+    /// Writes the quadratic program of the plan; true if it has a goal. `previous` was applied last, `reach_s` ago.
     fn linearise(
         &mut self,
         needle: &Needle,
         tracker: &Tracker,
         previous: Input,
         reach_s: f64,
-    ) -> Result<(), LinearisationError> {
+    ) -> Result<bool, LinearisationError> {
         let n = self.plan.inputs.len();
-        self.problem
-            .set_previous_input(&Vector2::new(previous.v_mm_s, previous.omega_rad_s))?;
-        let held = self.stage.du_max;
         let hold = self.damping * self.cost(&self.plan, tracker) / (n + 1) as f64;
+        let problem = self.programs.problem_mut();
+        problem.set_previous_input(&Vector2::new(previous.v_mm_s, previous.omega_rad_s))?;
+        let rates = rates(&self.limits);
         for k in 0..n {
             let (pose, input) = (&self.plan.poses[k], self.plan.inputs[k]);
             let link = needle
@@ -181,25 +150,20 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
             (stage.q_linear, stage.q) = self.weights.running().model(pose, &tracker.poses[k]);
             stage.q[(5, 5)] += hold;
             stage.r_linear = -stage.r * Vector2::new(wanted.v_mm_s, wanted.omega_rad_s);
-            if k == 0 {
-                stage.du_max = Vector2::new(
-                    self.limits.v_rate_max_mm_s2 * reach_s,
-                    self.limits.omega_rate_max_rad_s2 * reach_s,
-                );
-            } else {
-                stage.du_max = held;
-            }
+            stage.du_max = rates * if k == 0 { reach_s } else { self.dt_s };
             stage.du_min = -stage.du_max;
-            self.problem.set_stage(k, stage)?;
+            self.programs.problem_mut().set_stage(k, stage)?;
         }
-        self.stage.du_max = held;
-        (self.terminal.p_linear, self.terminal.p) = self
-            .weights
-            .end()
-            .model(&self.plan.poses[n], &tracker.poses[n]);
+        let ends = [&self.plan.poses[n], &tracker.poses[n]];
+        (self.terminal.p_linear, self.terminal.p) = self.end.model(ends[0], ends[1])?;
         self.terminal.p[(5, 5)] += hold;
-        self.problem.set_terminal(&self.terminal)?;
-        Ok(())
+        self.programs.problem_mut().set_terminal(&self.terminal)?;
+        let takeover = Takeover {
+            wanted: tracker.input_beyond(),
+            change: rates * self.dt_s,
+        };
+        // The stage last written is the last one.
+        Ok(self.end.aim(&mut self.goal, ends, &self.stage, &takeover))
     }
 
     /// Solves the quadratic program of the plan; the step is left in the solution.
@@ -209,23 +173,16 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
         tracker: &Tracker,
         previous: Input,
         reach_s: f64,
-    ) -> (SolveStatus, usize) {
-        if self.linearise(needle, tracker, previous, reach_s).is_err() {
-            return (SolveStatus::NumericalTrouble, 0);
+    ) -> Account {
+        match self.linearise(needle, tracker, previous, reach_s) {
+            Ok(aims) => self.programs.solve(aims.then_some(&self.goal)),
+            Err(_) => Account {
+                status: SolveStatus::NumericalTrouble,
+                solves: 0,
+                iterations: 0,
+                violation: 0.0,
+            },
         }
-        let solved = self
-            .solver
-            .solve(&self.problem, self.start, &mut self.solution);
-        let status = match solved {
-            Ok(()) => self.solution.status,
-            Err(_) => SolveStatus::NumericalTrouble,
-        };
-        self.start = if status.has_solution() {
-            Start::Warm
-        } else {
-            Start::Cold
-        };
-        (status, self.solution.iterations)
     }
 
     /// Moves the plan by the full step; false, and the plan unchanged, if that is not finite.
@@ -238,123 +195,21 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
         true
     }
 
-    /// Moves the plan along the step as far as the exact penalty function falls enough; false if nowhere.
-    pub(crate) fn search(&mut self, needle: &Needle, tracker: &Tracker) -> bool {
-        let costates = &self.solution.multipliers.costates;
-        let dual = costates
-            .iter()
-            .map(nalgebra::Matrix::amax)
-            .fold(0.0, f64::max);
-        // Costates belong to half the cost; twice that bounds the multipliers of the cost itself.
-        self.penalty = self.penalty.max(3.0 * dual);
-        let gap = self.gap(&self.plan, needle);
-        let merit = self.cost(&self.plan, tracker) + self.penalty * gap;
-        let slope = self.cost_slope(tracker) - self.penalty * gap;
-        for halvings in 0..LINE_SEARCH_STEPS {
-            let length = 0.5_f64.powi(halvings);
-            self.try_step(length);
-            let trial =
-                self.cost(&self.trial, tracker) + self.penalty * self.gap(&self.trial, needle);
-            let rounding = 1e-12 * merit.abs();
-            if trial <= merit + SUFFICIENT_DECREASE * length * slope.min(0.0) + rounding {
-                std::mem::swap(&mut self.plan, &mut self.trial);
-                return true;
-            }
-        }
-        false
-    }
-
-    /// Largest entry of the step in poses and inputs.
-    pub(crate) fn step_size(&self) -> f64 {
-        let poses = self.solution.x.iter().map(nalgebra::Matrix::amax);
-        let inputs = self
-            .solution
-            .u
-            .iter()
-            .zip(&self.plan.inputs)
-            .map(|(u, planned)| {
-                (u[0] - planned.v_mm_s)
-                    .abs()
-                    .max((u[1] - planned.omega_rad_s).abs())
-            });
-        poses.chain(inputs).fold(0.0, f64::max)
-    }
-
-    fn try_step(&mut self, length: f64) {
-        let (plan, solution) = (&self.plan, &self.solution);
-        for (k, pose) in self.trial.poses.iter_mut().enumerate() {
-            *pose = plan.poses[k].perturbed(&(solution.x[k] * length));
-        }
-        for (k, input) in self.trial.inputs.iter_mut().enumerate() {
-            let (from, to) = (plan.inputs[k], &solution.u[k]);
-            // At full length the solver's own number, without rounding beyond a bound.
-            *input = if length == 1.0 {
-                Input {
-                    v_mm_s: to[0],
-                    omega_rad_s: to[1],
-                }
-            } else {
-                Input {
-                    v_mm_s: from.v_mm_s + length * (to[0] - from.v_mm_s),
-                    omega_rad_s: from.omega_rad_s + length * (to[1] - from.omega_rad_s),
-                }
-            };
-        }
-    }
-
-    /// Sum of the defects' entries.
-    fn gap(&self, plan: &Plan, needle: &Needle) -> f64 {
-        let step = |k: usize| needle.step(&plan.poses[k], plan.inputs[k], self.dt_s);
-        (0..plan.inputs.len())
-            .map(|k| {
-                step(k).map_or(f64::INFINITY, |g| {
-                    g.error_from(&plan.poses[k + 1]).lp_norm(1)
-                })
-            })
-            .sum()
-    }
-
-    /// Derivative of the cost along the step.
-    fn cost_slope(&self, tracker: &Tracker) -> f64 {
-        let n = self.plan.inputs.len();
-        let weights = &self.weights;
-        let mut slope = 0.0;
-        for k in 0..n {
-            let (gradient, _) = weights
-                .running()
-                .model(&self.plan.poses[k], &tracker.poses[k]);
-            let (wanted, input, to) = (
-                self.wanted(tracker, k),
-                self.plan.inputs[k],
-                &self.solution.u[k],
-            );
-            slope += gradient.dot(&self.solution.x[k])
-                + weights.v * (input.v_mm_s - wanted.v_mm_s) * (to[0] - input.v_mm_s)
-                + weights.omega
-                    * (input.omega_rad_s - wanted.omega_rad_s)
-                    * (to[1] - input.omega_rad_s);
-        }
-        let (gradient, _) = weights.end().model(&self.plan.poses[n], &tracker.poses[n]);
-        2.0 * (slope + gradient.dot(&self.solution.x[n]))
-    }
-
-    /// Moves the solver's guess along with a plan shifted by one sample; otherwise the next solve starts cold.
+    /// Moves the solvers' guesses along with a plan shifted by whole samples.
     pub(crate) fn shift_guess(&mut self, steps: usize) {
-        let shifted = match steps {
-            0 => true,
-            1 => self.start == Start::Warm && self.solution.shift(&self.problem).is_ok(),
-            _ => false,
-        };
-        if !shifted {
-            self.start = Start::Cold;
-        }
+        self.programs.shift(steps);
     }
 
     /// The next solve starts from nothing.
     pub(crate) fn forget(&mut self) {
-        self.start = Start::Cold;
+        self.programs.forget();
         self.penalty = 0.0;
     }
+}
+
+/// Largest change of each input in a second.
+fn rates(limits: &InputLimits) -> Vector2<f64> {
+    Vector2::new(limits.v_rate_max_mm_s2, limits.omega_rate_max_rad_s2)
 }
 
 /// Why a plan could not be linearised: it is not finite, or its numbers overflow.

@@ -7,6 +7,7 @@
 use crate::configuration::{ConfigurationError, count, positive};
 use crate::controller::{Measurement, Origin, StopReason};
 use crate::limits::InputLimits;
+use crate::sample_clock::SampleClock;
 use nalgebra::UnitQuaternion;
 use needle_model::{Input, Needle, Pose};
 use std::time::Duration;
@@ -62,7 +63,7 @@ pub(crate) struct Guard {
     limits: InputLimits,
     dt_s: f64,
     previous: Input,
-    time_s: Option<f64>,
+    clock: SampleClock,
     expected: Option<Pose>,
     missed: usize,
     plan: Vec<Input>,
@@ -77,7 +78,7 @@ impl Guard {
             limits,
             dt_s,
             previous: Input::ZERO,
-            time_s: None,
+            clock: SampleClock::new(dt_s, None),
             expected: None,
             missed: 0,
             plan: Vec::with_capacity(horizon),
@@ -120,20 +121,12 @@ impl Guard {
         }
     }
 
+    /// Time since the last sample, zero at the first, and the time for which rate limits may be used up.
     fn tick(&mut self, time_s: f64) -> (f64, f64) {
-        let Some(last_s) = self.time_s else {
-            self.time_s = Some(if time_s.is_finite() { time_s } else { 0.0 });
-            return (0.0, self.dt_s);
-        };
-        let since_s = time_s - last_s;
-        let runs = since_s > 0.0 && since_s.is_finite();
-        let elapsed_s = if runs { since_s } else { self.dt_s };
-        self.time_s = Some(if time_s.is_finite() {
-            time_s
-        } else {
-            last_s + self.dt_s
-        });
-        (elapsed_s, elapsed_s.min(self.dt_s))
+        let first = self.clock.is_fresh();
+        let elapsed_s = self.clock.tick(time_s);
+        let reach_s = elapsed_s.min(self.dt_s);
+        (if first { 0.0 } else { elapsed_s }, reach_s)
     }
 
     fn believes(&self, pose: &Pose) -> bool {
@@ -179,7 +172,7 @@ impl Guard {
     /// As newly made.
     pub(crate) fn reset(&mut self) {
         self.previous = Input::ZERO;
-        self.time_s = None;
+        self.clock = SampleClock::new(self.dt_s, None);
         self.expected = None;
         self.missed = 0;
         self.plan.clear();

@@ -61,6 +61,18 @@ impl Tracker {
         self.sample(self.time_s).0
     }
 
+    /// Input of the reference one step before the present point; at the start of the path its first one.
+    pub(crate) fn input_before(&self) -> Input {
+        let (step, _) = self.sample((self.time_s - self.dt_s).max(0.0));
+        self.path.inputs().get(step).copied().unwrap_or_default()
+    }
+
+    /// Input of the reference just after the horizon.
+    pub(crate) fn input_beyond(&self) -> Input {
+        let (step, _) = self.sample(self.time_s + self.inputs.len() as f64 * self.dt_s);
+        self.path.inputs().get(step).copied().unwrap_or_default()
+    }
+
     /// Moves the present point and refills the horizon.
     pub(crate) fn advance(&mut self, elapsed_s: f64, pose: Option<&Pose>) {
         match (self.tracking, pose) {

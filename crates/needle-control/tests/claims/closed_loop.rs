@@ -1,6 +1,6 @@
 //! Closed loops of the nonlinear controller on the cases of `docs/controllers.md`: the plant runs at half the sample time.
 
-use crate::scene::{Scene, Score, run};
+use crate::scene::{CURVATURE_PER_MM, Scene, Score, run};
 use needle_control::{Convergence, NmpcConfiguration, NmpcController, Tracking};
 use needle_model::EulerState;
 
@@ -85,7 +85,7 @@ fn off_the_path() -> Scene {
 fn start_off_the_path_is_corrected() {
     // The needle cannot bend back faster: 0.78 mm are left after 20 mm even if it bends straight back all the time.
     let score = score(&off_the_path());
-    assert!(score.rms_mm <= 0.29 && score.max_mm <= 1.04, "{score:?}");
+    assert!(score.rms_mm <= 0.29 && score.max_mm <= 0.95, "{score:?}");
 }
 
 /// Iterated until the step is small, without damping.
@@ -107,7 +107,7 @@ fn converged_controller_corrects_a_start_off_the_path_better() {
 }
 
 #[test]
-fn converged_controller_tracks_a_strongly_bent_path_to_7_micrometres() {
+fn converged_controller_tracks_a_strongly_bent_path_to_8_micrometres() {
     let score = score_of(
         &Scene {
             path_curvature_ratio: 0.8,
@@ -115,7 +115,7 @@ fn converged_controller_tracks_a_strongly_bent_path_to_7_micrometres() {
         },
         converged(),
     );
-    assert!(score.rms_mm <= 0.007, "{score:?}");
+    assert!(score.rms_mm <= 0.008, "{score:?}");
 }
 
 #[test]
@@ -129,7 +129,29 @@ fn progress_along_the_path_tracks_as_well_as_time() {
 }
 
 #[test]
-fn nominal_rotation_stays_within_13_revolutions() {
-    let score = score(&Scene::default());
-    assert!(score.revolutions <= 13.0, "{score:?}");
+fn rotation_stays_within_13_revolutions_whatever_the_plant_bends() {
+    for plant_curvature_factor in [0.8, 1.0, 1.2] {
+        let score = score(&Scene {
+            plant_curvature_factor,
+            ..Scene::default()
+        });
+        assert!(
+            score.revolutions <= 13.0,
+            "{plant_curvature_factor}: {score:?}"
+        );
+    }
+}
+
+#[test]
+fn rotation_on_a_straight_path_is_that_of_a_steady_spin() {
+    let score = score(&Scene {
+        path_curvature_ratio: 0.0,
+        torsion_rad_per_mm: 0.0,
+        ..Scene::default()
+    });
+    // A steady spin omega draws a helix of radius kappa v^2 / omega^2: the rotation of 20 s at this radius.
+    let omega_rad_s = (CURVATURE_PER_MM * 25.0 / score.rms_mm).sqrt();
+    let steady = omega_rad_s * 20.0 / std::f64::consts::TAU;
+    // Spinning up and the waves of the spin itself cost at most a twentieth.
+    assert!(score.revolutions <= 1.05 * steady, "{score:?} {steady}");
 }

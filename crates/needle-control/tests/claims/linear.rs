@@ -1,24 +1,25 @@
 //! The linear controllers: terminal choices, stability, invariance, agreement of the solvers.
 
-use crate::scene::{CURVATURE_PER_MM, DT_S, Noise};
-use mpc_qp::{ClarabelSolver, OcpSolver, SolverSettings};
+use crate::scene::{CURVATURE_PER_MM, DT_S, Scene};
+use crate::stability::LinearPlant;
+use mpc_qp::{ClarabelSolver, SolverSettings};
 use nalgebra::Vector6;
 use needle_control::{
-    ConfigurationError, ControlStep, Controller, InputLimits, LinearConfiguration, LtvController,
-    Measurement, Origin, StraightController, TerminalChoice, TerminalError,
+    ConfigurationError, Controller, InputLimits, LinearConfiguration, LtvController, Measurement,
+    Origin, StraightController, TerminalChoice, TerminalError,
 };
 use needle_model::{Input, Needle, Pose, ReferencePath};
 
-const HELIX: Input = Input {
+pub(crate) const HELIX: Input = Input {
     v_mm_s: 5.0,
     omega_rad_s: 1.0,
 };
 
-fn needle() -> Needle {
+pub(crate) fn needle() -> Needle {
     Needle::new(CURVATURE_PER_MM).unwrap()
 }
 
-fn path(needle: Needle, input: Input, steps: usize) -> ReferencePath {
+pub(crate) fn path(needle: Needle, input: Input, steps: usize) -> ReferencePath {
     ReferencePath::from_inputs(needle, Pose::identity(), vec![input; steps], DT_S).unwrap()
 }
 
@@ -47,35 +48,6 @@ fn ltv(terminal: TerminalChoice, limits: InputLimits) -> LtvController {
     LtvController::new(needle(), path(needle(), HELIX, 2_000), configuration).unwrap()
 }
 
-/// The error system itself as plant: the pose whose left-invariant error obeys the linear model exactly.
-struct LinearPlant {
-    reference: ReferencePath,
-    needle: Needle,
-    xi: Vector6<f64>,
-    step: usize,
-}
-
-impl LinearPlant {
-    fn measurement(&self) -> Measurement {
-        Measurement::of(self.reference.poses()[self.step].perturbed(&self.xi))
-    }
-
-    fn advance(&mut self, input: Input) {
-        let wanted = self.reference.inputs()[self.step];
-        let jacobians = self.needle.linearise(wanted, DT_S).unwrap();
-        let d = nalgebra::Vector2::new(
-            input.v_mm_s - wanted.v_mm_s,
-            input.omega_rad_s - wanted.omega_rad_s,
-        );
-        self.xi = jacobians.a * self.xi + jacobians.b * d;
-        self.step += 1;
-    }
-
-    fn time_s(&self) -> f64 {
-        self.step as f64 * DT_S
-    }
-}
-
 #[test]
 fn zero_error_returns_the_reference_input() {
     let mut controller = ltv(TerminalChoice::HelixDare, wide());
@@ -83,12 +55,8 @@ fn zero_error_returns_the_reference_input() {
     assert!(matches!(step.origin, Origin::Optimal), "{:?}", step.origin);
     // From rest the change of the deviation costs at once; without rate limits the optimum still starts near the reference.
     let first = step.input;
-    let mut plant = LinearPlant {
-        reference: path(needle(), HELIX, 2_000),
-        needle: needle(),
-        xi: Vector6::zeros(),
-        step: 0,
-    };
+    let reference = path(needle(), HELIX, 2_000);
+    let mut plant = LinearPlant::new(&reference, needle(), Vector6::zeros());
     plant.advance(first);
     for _ in 0..200 {
         let input = controller.step(&plant.measurement(), plant.time_s()).input;
@@ -228,128 +196,6 @@ fn both_solvers_give_the_same_input() {
     }
 }
 
-/// Cost of a stage as the controller counts it.
-fn stage_cost(xi: &Vector6<f64>, d: [f64; 2], d_previous: [f64; 2]) -> f64 {
-    let weights = LinearConfiguration::default().weights;
-    let error: f64 = (0..6).map(|i| weights.error[i] * xi[i] * xi[i]).sum();
-    error
-        + weights.v * d[0] * d[0]
-        + weights.omega * d[1] * d[1]
-        + weights.v_change * (d[0] - d_previous[0]).powi(2)
-        + weights.omega_change * (d[1] - d_previous[1]).powi(2)
-}
-
-/// Runs the error system from a random start; returns false if the start itself is infeasible.
-fn descends<S: OcpSolver<8, 2>>(
-    controller: &mut LtvController<S>,
-    reference: &ReferencePath,
-    xi: Vector6<f64>,
-    steps: usize,
-) -> bool {
-    controller.reset();
-    let mut plant = LinearPlant {
-        reference: reference.clone(),
-        needle: needle(),
-        xi,
-        step: 0,
-    };
-    let mut before: Option<(f64, f64)> = None;
-    let mut d_previous = [-HELIX.v_mm_s, -HELIX.omega_rad_s];
-    for step in 0..steps {
-        let ControlStep { input, origin, .. } =
-            controller.step(&plant.measurement(), plant.time_s());
-        if step == 0 && !matches!(origin, Origin::Optimal) {
-            return false;
-        }
-        assert!(
-            matches!(origin, Origin::Optimal),
-            "feasibility lost at step {step} from {xi:?}: {origin:?}"
-        );
-        let value = controller.value();
-        if let Some((last, cost)) = before {
-            // Both values carry the solver's relative tolerance of 1e-8, some digits lost in the sum of 20 stages.
-            assert!(
-                value <= last - cost + 1e-6 * (1.0 + last),
-                "V rose at step {step} from {xi:?}: {value} {last} {cost}"
-            );
-        }
-        let d = [
-            input.v_mm_s - HELIX.v_mm_s,
-            input.omega_rad_s - HELIX.omega_rad_s,
-        ];
-        before = Some((value, stage_cost(&plant.xi, d, d_previous)));
-        d_previous = d;
-        plant.advance(input);
-    }
-    true
-}
-
-fn random_error(noise: &mut Noise) -> Vector6<f64> {
-    // The set is limited by the change of the spin: errors of this size are about as large as a horizon of 2 s can bring into it.
-    let size = Vector6::new(0.1, 0.1, 0.1, 0.01, 0.01, 0.05);
-    size.map(|s| s * (2.0 * noise.uniform() - 1.0))
-}
-
-/// The claim is the controller's, not a solver's: Clarabel, which decides feasibility on the boundary of the feasible set as well.
-fn decider(reference: &ReferencePath) -> LtvController<ClarabelSolver<8, 2>> {
-    LtvController::with_solver(
-        needle(),
-        reference.clone(),
-        configuration(TerminalChoice::HelixDare),
-        |problem| ClarabelSolver::new(problem, SolverSettings::default()),
-    )
-    .unwrap()
-}
-
-#[test]
-fn optimal_cost_falls_by_the_stage_cost_from_random_starts() {
-    let reference = path(needle(), HELIX, 600);
-    let mut controller = decider(&reference);
-    assert!(controller.certificate().unwrap().holds());
-    let mut noise = Noise(7);
-    let feasible = (0..300)
-        .filter(|_| descends(&mut controller, &reference, random_error(&mut noise), 4))
-        .count();
-    // A test in which no start were feasible would say nothing.
-    assert!(feasible > 100, "{feasible}");
-}
-
-#[test]
-fn optimal_cost_falls_from_two_thousand_starts_well_inside_the_feasible_set() {
-    let reference = path(needle(), HELIX, 600);
-    let mut controller = ltv(TerminalChoice::HelixDare, InputLimits::default());
-    let mut noise = Noise(13);
-    let feasible = (0..2_000)
-        .filter(|_| {
-            descends(
-                &mut controller,
-                &reference,
-                0.3 * random_error(&mut noise),
-                4,
-            )
-        })
-        .count();
-    assert!(feasible > 1_000, "{feasible}");
-}
-
-#[test]
-fn feasible_starts_stay_feasible_for_500_steps() {
-    let reference = path(needle(), HELIX, 600);
-    let mut controller = ltv(TerminalChoice::HelixDare, InputLimits::default());
-    let mut noise = Noise(11);
-    let feasible = (0..20)
-        .filter(|_| {
-            descends(
-                &mut controller,
-                &reference,
-                0.3 * random_error(&mut noise),
-                500,
-            )
-        })
-        .count();
-    assert!(feasible > 10, "{feasible}");
-}
-
 #[test]
 fn auto_takes_the_strongest_terminal_that_the_reference_admits() {
     let chosen = |path| {
@@ -392,6 +238,25 @@ fn planar_arc_refuses_the_helix_choice_with_its_controllability() {
         }
         other => panic!("{other:?}"),
     }
+}
+
+#[test]
+fn path_that_the_needle_cannot_execute_has_no_terminal_ingredients() {
+    let curve = Scene::default().path();
+    let made = |choice| LtvController::new(needle(), curve.clone(), configuration(choice));
+    for choice in [TerminalChoice::HelixDare, TerminalChoice::RiccatiChain] {
+        assert!(matches!(
+            made(choice),
+            Err(ConfigurationError::Terminal(TerminalError::NotExecutable {
+                step: 0,
+                ..
+            }))
+        ));
+    }
+    assert_eq!(
+        made(TerminalChoice::Auto).unwrap().terminal(),
+        TerminalChoice::None
+    );
 }
 
 #[test]

@@ -6,9 +6,12 @@
 )]
 
 mod closed_loop;
+mod deadline;
 mod linear;
 mod memory;
 mod nonlinear;
+mod nonlinear_terminal;
 mod reconstruction;
 mod scene;
+mod stability;
 mod survival;

@@ -39,6 +39,7 @@ fn first_inputs(size: f64) -> [Input; 2] {
         limits,
         weights,
         spin_target: SpinTarget::Reference,
+        terminal: TerminalChoice::None,
         convergence: Convergence::Full {
             tolerance: 1e-9,
             max_iterations: 50,

@@ -23,9 +23,9 @@ fn the_margin_of_a_path_of_half_the_curvature_is_half() {
         "reference.kind = 'inputs'",
         "reference.kind = 'inputs'\nreference.curvature_factor = 0.5",
     ));
-    // The chord of half a millimetre is shorter than its arc by a part in 10^7.
+    // The bend turns by 0.05 rad within a sample: the angle between its ends falls short by a part in 10^4.
     assert!(
-        (report.curvature.margin - 0.5).abs() < 1e-5,
+        (report.curvature.margin - 0.5).abs() < 2e-4,
         "{:?}",
         report.curvature
     );

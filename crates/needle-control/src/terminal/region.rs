@@ -1,7 +1,7 @@
 //! What the terminal set says of the tip's position: for pictures and monitors, not for the controller itself.
 
-use super::LinearController;
-use mpc_qp::OcpSolver;
+use super::Ingredients;
+use crate::tracking::Tracker;
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 use needle_model::Pose;
 
@@ -16,6 +16,16 @@ pub struct TerminalRegion {
 }
 
 impl TerminalRegion {
+    /// The region at the end of the horizon that the tracker holds; row i of the ingredients belongs to `coordinates[i]` of the error.
+    pub(crate) fn at_horizon_end(
+        tracker: &Tracker,
+        ingredients: &Ingredients,
+        coordinates: &[usize],
+    ) -> Option<Self> {
+        let end = ingredients.at(tracker.step() + tracker.inputs.len());
+        Self::of_set(end.p, end.level?, coordinates, tracker.poses.last()?)
+    }
+
     /// Projection of { x : x'Px <= level } onto the position error: { d : d'S^-1 d <= level } with S the block of P^-1.
     ///
     /// `coordinates[i]` is the coordinate of the error in the body frame of `reference` that row i of P belongs to; rows beyond are
@@ -42,16 +52,6 @@ impl TerminalRegion {
             centre_mm: reference.position_mm,
             half_axes_mm: rotation * eigen.eigenvectors * Matrix3::from_diagonal(&lengths),
         })
-    }
-}
-
-impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
-    /// Where the terminal set of the last step wants the tip at the horizon's end; `None` without a set.
-    #[must_use]
-    pub fn terminal_region(&self) -> Option<TerminalRegion> {
-        let horizon = self.configuration.horizon;
-        let (p, level) = self.ingredients.at(self.tracker.step() + horizon);
-        TerminalRegion::of_set(p, level?, self.coordinates, &self.tracker.poses[horizon])
     }
 }
 

@@ -1,0 +1,57 @@
+//! What every predictive controller does before it plans: the clock, the gate for measurements, the present point of the path,
+//! and the samples at which there is nothing to plan.
+
+use crate::controller::{Measurement, Origin, StopReason};
+use crate::survival::{Guard, Sample, estimated_needle};
+use crate::tracking::Tracker;
+use needle_model::{Input, Needle};
+
+/// Follows a path with one needle.
+#[derive(Debug, Clone)]
+pub(crate) struct Follower {
+    model: Needle,
+    /// The needle of the last estimate of curvature, else the model.
+    pub(crate) needle: Needle,
+    pub(crate) tracker: Tracker,
+    pub(crate) guard: Guard,
+}
+
+impl Follower {
+    /// At the start of the path, at rest.
+    pub(crate) fn new(model: Needle, tracker: Tracker, guard: Guard) -> Self {
+        Self {
+            model,
+            needle: model,
+            tracker,
+            guard,
+        }
+    }
+
+    /// Takes in a measurement and moves the present point of the path.
+    pub(crate) fn observe(&mut self, measurement: &Measurement, time_s: f64) -> Sample {
+        if let Some(needle) = estimated_needle(&self.model, measurement) {
+            self.needle = needle;
+        }
+        let sample = self.guard.accept(&self.needle, measurement, time_s);
+        self.tracker.advance(sample.elapsed_s, sample.pose.as_ref());
+        sample
+    }
+
+    /// The input of a sample without need or ground for a new plan: the end of the path, or no measurement.
+    pub(crate) fn without_plan(&mut self, sample: &Sample) -> Option<(Input, Origin)> {
+        if self.tracker.finished(sample.pose.as_ref()) {
+            return Some(self.guard.stop(sample, StopReason::PathEnd));
+        }
+        match sample.pose {
+            Some(_) => None,
+            None => Some(self.guard.fall_back(sample, StopReason::NoMeasurement)),
+        }
+    }
+
+    /// As newly made.
+    pub(crate) fn reset(&mut self) {
+        self.needle = self.model;
+        self.tracker.reset();
+        self.guard.reset();
+    }
+}

@@ -1,0 +1,120 @@
+//! How far the plan moves along a step: all the way in the real-time iteration, by a line search on an exact penalty function
+//! when the program is to be solved.
+
+use super::plan::Plan;
+use super::shooting::Shooting;
+use crate::tracking::Tracker;
+use mpc_qp::OcpSolver;
+use needle_model::{Input, Needle};
+
+/// Step lengths of a line search, largest first: 1, 1/2, ... .
+const LINE_SEARCH_STEPS: i32 = 12;
+
+/// Fraction of the predicted decrease that a step must bring (Armijo).
+const SUFFICIENT_DECREASE: f64 = 1e-4;
+
+impl<S: OcpSolver<6, 2>> Shooting<S> {
+    /// Moves the plan along the step as far as the exact penalty function falls enough; false if nowhere.
+    pub(crate) fn search(&mut self, needle: &Needle, tracker: &Tracker) -> bool {
+        let costates = &self.programs.solution().multipliers.costates;
+        let dual = costates
+            .iter()
+            .map(nalgebra::Matrix::amax)
+            .fold(0.0, f64::max);
+        // Costates belong to half the cost; twice that bounds the multipliers of the cost itself.
+        self.penalty = self.penalty.max(3.0 * dual);
+        let gap = self.gap(&self.plan, needle, tracker);
+        let merit = self.cost(&self.plan, tracker) + self.penalty * gap;
+        let slope = self.cost_slope(tracker) - self.penalty * gap;
+        for halvings in 0..LINE_SEARCH_STEPS {
+            let length = 0.5_f64.powi(halvings);
+            self.try_step(length);
+            let trial = self.cost(&self.trial, tracker)
+                + self.penalty * self.gap(&self.trial, needle, tracker);
+            let rounding = 1e-12 * merit.abs();
+            if trial <= merit + SUFFICIENT_DECREASE * length * slope.min(0.0) + rounding {
+                std::mem::swap(&mut self.plan, &mut self.trial);
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Largest entry of the step in poses and inputs.
+    pub(crate) fn step_size(&self) -> f64 {
+        let solution = self.programs.solution();
+        let poses = solution.x.iter().map(nalgebra::Matrix::amax);
+        let inputs = solution
+            .u
+            .iter()
+            .zip(&self.plan.inputs)
+            .map(|(u, planned)| {
+                (u[0] - planned.v_mm_s)
+                    .abs()
+                    .max((u[1] - planned.omega_rad_s).abs())
+            });
+        poses.chain(inputs).fold(0.0, f64::max)
+    }
+
+    /// The plan moved along the step, into the trial plan.
+    pub(super) fn try_step(&mut self, length: f64) {
+        let (plan, solution) = (&self.plan, self.programs.solution());
+        for (k, pose) in self.trial.poses.iter_mut().enumerate() {
+            *pose = plan.poses[k].perturbed(&(solution.x[k] * length));
+        }
+        for (k, input) in self.trial.inputs.iter_mut().enumerate() {
+            let (from, to) = (plan.inputs[k], &solution.u[k]);
+            // At full length the solver's own number, without rounding beyond a bound.
+            *input = if length == 1.0 {
+                Input {
+                    v_mm_s: to[0],
+                    omega_rad_s: to[1],
+                }
+            } else {
+                Input {
+                    v_mm_s: from.v_mm_s + length * (to[0] - from.v_mm_s),
+                    omega_rad_s: from.omega_rad_s + length * (to[1] - from.omega_rad_s),
+                }
+            };
+        }
+    }
+
+    /// Sum of the defects' entries, and how far the end is outside the terminal set.
+    fn gap(&self, plan: &Plan, needle: &Needle, tracker: &Tracker) -> f64 {
+        let n = plan.inputs.len();
+        let step = |k: usize| needle.step(&plan.poses[k], plan.inputs[k], self.dt_s);
+        let defects: f64 = (0..n)
+            .map(|k| {
+                step(k).map_or(f64::INFINITY, |g| {
+                    g.error_from(&plan.poses[k + 1]).lp_norm(1)
+                })
+            })
+            .sum();
+        defects + self.end.outside(&plan.poses[n], &tracker.poses[n])
+    }
+
+    /// Derivative of the cost along the step.
+    fn cost_slope(&self, tracker: &Tracker) -> f64 {
+        let n = self.plan.inputs.len();
+        let weights = &self.weights;
+        let solution = self.programs.solution();
+        let mut slope = 0.0;
+        for k in 0..n {
+            let (gradient, _) = weights
+                .running()
+                .model(&self.plan.poses[k], &tracker.poses[k]);
+            let (wanted, input, to) =
+                (self.wanted(tracker, k), self.plan.inputs[k], &solution.u[k]);
+            slope += gradient.dot(&solution.x[k])
+                + weights.v * (input.v_mm_s - wanted.v_mm_s) * (to[0] - input.v_mm_s)
+                + weights.omega
+                    * (input.omega_rad_s - wanted.omega_rad_s)
+                    * (to[1] - input.omega_rad_s);
+        }
+        // A pose without a model gives no slope, and no step passes then.
+        let end = self.end.model(&self.plan.poses[n], &tracker.poses[n]);
+        2.0 * end.map_or(f64::NAN, |(gradient, _)| {
+            slope + gradient.dot(&solution.x[n])
+        })
+    }
+}

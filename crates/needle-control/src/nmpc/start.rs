@@ -1,0 +1,126 @@
+//! Plans that are not improvements of the one before: the first plan, and the end of a shifted one.
+
+use super::NmpcController;
+use super::configuration::SpinTarget;
+use super::plan::Plan;
+use super::spin::{Sense, SpinLaw};
+use crate::follower::Follower;
+use crate::survival::Sample;
+use crate::tracking::Tracker;
+use mpc_qp::OcpSolver;
+use needle_model::{Input, Needle, Pose};
+use std::time::Instant;
+
+/// A guess along the reference: its speed, and a spin by the law in a sense, or its own.
+struct Guess<'a> {
+    law: SpinLaw,
+    needle: &'a Needle,
+    tracker: &'a Tracker,
+    sense: Option<Sense>,
+}
+
+impl Guess<'_> {
+    /// Input of stage `k` from `pose`.
+    fn input(&self, pose: &Pose, k: usize) -> Input {
+        let wanted = self.tracker.inputs[k];
+        let omega_rad_s = match self.sense {
+            None => wanted.omega_rad_s,
+            // Rotation at rest bends nothing.
+            Some(_) if wanted.v_mm_s == 0.0 => 0.0,
+            Some(sense) => {
+                let bending_per_mm = self.tracker.bending_per_mm(k);
+                self.law
+                    .omega_rad_s(self.needle, pose, &bending_per_mm, sense)
+            }
+        };
+        Input {
+            omega_rad_s,
+            ..wanted
+        }
+    }
+
+    /// Fills a plan from stage `first` on.
+    fn fill(&self, plan: &mut Plan, first: usize) {
+        let dt_s = self.law.dt_s;
+        plan.fill(first, self.needle, dt_s, |pose, k| self.input(pose, k));
+    }
+}
+
+impl<S: OcpSolver<6, 2>> NmpcController<S> {
+    fn law(&self) -> SpinLaw {
+        SpinLaw {
+            omega_max_rad_s: self.configuration.limits.omega_max_rad_s,
+            dt_s: self.configuration.dt_s,
+        }
+    }
+
+    /// Shifts the plan by the whole steps that have passed since it was made and fills its end.
+    pub(super) fn shift(&mut self, elapsed_s: f64) {
+        let Some(lag_s) = self.planned else { return };
+        let (dt_s, horizon) = (self.configuration.dt_s, self.configuration.horizon);
+        let steps = ((lag_s + elapsed_s) / dt_s).round();
+        if steps >= horizon as f64 {
+            self.planned = None;
+            self.shooting.forget();
+            return;
+        }
+        self.planned = Some(lag_s + elapsed_s - steps * dt_s);
+        self.shooting.shift_guess(steps as usize);
+        let first = self.shooting.plan.shift(steps as usize);
+        let kept = &self.shooting.plan.inputs[..first];
+        let spin: f64 = kept.iter().map(|u| u.omega_rad_s).sum();
+        let sense = match self.configuration.spin_target {
+            SpinTarget::Reference => None,
+            SpinTarget::Rest if spin < 0.0 => Some(Sense::Negative),
+            SpinTarget::Rest => Some(Sense::Positive),
+        };
+        let Follower {
+            needle, tracker, ..
+        } = &self.follower;
+        let law = self.law();
+        let guess = Guess {
+            law,
+            needle,
+            tracker,
+            sense,
+        };
+        guess.fill(&mut self.shooting.plan, first);
+    }
+
+    /// The best of the reference's inputs and the guessed spins, each improved a little.
+    pub(super) fn plan_afresh(&mut self, pose: &Pose, sample: &Sample, started: Instant) -> bool {
+        // A plan that ends in the terminal set is better than one that does not.
+        let mut best: Option<(f64, f64)> = None;
+        for sense in [Some(Sense::Positive), Some(Sense::Negative), None] {
+            if best.is_some() && self.follower.guard.late(2 * started.elapsed()) {
+                break;
+            }
+            self.shooting.forget();
+            self.shooting.plan.poses[0] = *pose;
+            let law = self.law();
+            let Follower {
+                needle, tracker, ..
+            } = &self.follower;
+            let guess = Guess {
+                law,
+                needle,
+                tracker,
+                sense,
+            };
+            guess.fill(&mut self.shooting.plan, 0);
+            if !self.converge(sample, started, 1e-6, self.configuration.start_iterations) {
+                continue;
+            }
+            let rank = (self.violation, self.value());
+            if rank.1.is_finite() && best.is_none_or(|best| rank < best) {
+                best = Some(rank);
+                self.candidate.overwrite(&self.shooting.plan);
+            }
+        }
+        std::mem::swap(&mut self.shooting.plan, &mut self.candidate);
+        self.shooting.forget();
+        self.violation = best.map_or(0.0, |(violation, _)| violation);
+        self.planned = best.map(|_| 0.0);
+        best.is_some()
+    }
+}

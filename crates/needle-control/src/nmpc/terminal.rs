@@ -1,0 +1,210 @@
+//! Terminal ingredients of the nonlinear controller, and the size of their set.
+//!
+//! A Riccati solution makes V = xi'P xi fall by exactly the stage cost along the *linearised* needle. For the needle itself the cost
+//! is computed from stage weights that are a tenth larger, which leaves a tenth of the stage cost for what linearisation leaves out,
+//! and the set is shrunk until V falls by the true stage cost from sampled points of it (the procedure of Chen and Allgoewer, 1998, with
+//! samples in place of a bound). The certificate names that check; samples are evidence, not proof.
+
+use super::configuration::{NmpcConfiguration, SpinTarget};
+use super::cost::PoseWeights;
+use super::end::Form;
+use crate::terminal::{
+    ALL_COORDINATES, Chosen, End, TerminalChoice, TerminalError, TerminalProblem,
+};
+use lqr::{Check, Witness};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix6, Vector6};
+use needle_model::{Input, Needle, Pose, ReferencePath, StepError};
+
+/// Stage weights of the Riccati equation over those of the controller.
+const INFLATION: f64 = 2.0;
+
+/// By how much the level shrinks between trials.
+const SHRINK: f64 = 0.8;
+
+/// Trials: down to a level of 1e-5 of the linear one, a hundredth of its half-axes.
+const TRIALS: usize = 50;
+
+/// Samples over all steps of a path, and at least in each.
+const SAMPLES: (usize, usize) = (4_000, 48);
+
+/// Ingredients along `path`, sized for the needle itself.
+pub(crate) fn chosen(
+    needle: Needle,
+    path: &ReferencePath,
+    configuration: &NmpcConfiguration,
+) -> Result<Chosen, TerminalError> {
+    let problem = problem(needle, path, configuration);
+    let wanted = configuration.terminal;
+    if wanted == TerminalChoice::None {
+        return Ok(problem.without());
+    }
+    // Away from its minimum on the reference the cost is no Lyapunov function.
+    if configuration.spin_target == SpinTarget::Rest {
+        return match wanted {
+            TerminalChoice::Auto => Ok(problem.without()),
+            _ => Err(TerminalError::SpinAtRest),
+        };
+    }
+    let mut chosen = problem.choose(wanted)?;
+    if chosen.choice != TerminalChoice::None {
+        size_for(needle, path, configuration, &mut chosen)?;
+    }
+    Ok(chosen)
+}
+
+fn problem<'a>(
+    needle: Needle,
+    path: &'a ReferencePath,
+    configuration: &NmpcConfiguration,
+) -> TerminalProblem<'a> {
+    let weights = &configuration.weights;
+    let diagonal = |w: PoseWeights| {
+        let of = [
+            w.position, w.position, w.position, w.tangent, w.tangent, w.roll,
+        ];
+        DMatrix::from_diagonal(&DVector::from_row_slice(&of)) * INFLATION
+    };
+    // A level set at the end of a chain is bounded only if roll costs something there.
+    let mut end = weights.end();
+    end.roll = end.roll.max(1e-3 * end.tangent);
+    TerminalProblem {
+        needle,
+        path,
+        dt_s: configuration.dt_s,
+        limits: configuration.limits,
+        coordinates: ALL_COORDINATES,
+        q: diagonal(weights.running()),
+        r: Matrix2::new(weights.v, 0.0, 0.0, weights.omega) * INFLATION,
+        r_rate: None,
+        end: diagonal(end),
+    }
+}
+
+/// Shrinks the levels until V falls by the stage cost from every sample, and adds that check to the certificate.
+fn size_for(
+    needle: Needle,
+    path: &ReferencePath,
+    configuration: &NmpcConfiguration,
+    chosen: &mut Chosen,
+) -> Result<(), TerminalError> {
+    let steps = match chosen.choice {
+        TerminalChoice::HelixDare => 1,
+        TerminalChoice::Periodic { period } => period,
+        _ => path.inputs().len(),
+    };
+    let samples = (SAMPLES.0 / steps).max(SAMPLES.1);
+    let mut scale = 1.0;
+    let mut worst = f64::NEG_INFINITY;
+    for _ in 0..TRIALS {
+        worst = f64::INFINITY;
+        for step in 0..steps {
+            let trial = Fall {
+                needle,
+                configuration,
+                wanted: path.inputs()[step],
+                here: chosen.ingredients.at(step),
+                next: chosen.ingredients.at(step + 1).p,
+            };
+            worst = worst.min(trial.least_margin(scale, samples)?);
+            if worst < 0.0 {
+                break;
+            }
+        }
+        if worst >= 0.0 {
+            break;
+        }
+        scale *= SHRINK;
+    }
+    let holds = worst >= 0.0;
+    chosen
+        .ingredients
+        .shrink_levels(if holds { scale } else { 0.0 });
+    if let Some(certificate) = &mut chosen.ingredients.certificate {
+        certificate.checks.push(Check {
+            name: "decrease of the needle itself".to_owned(),
+            condition: format!(
+                "(V - V+ - l) / V >= 0 at {samples} samples a step of the set scaled by {scale:.3}"
+            ),
+            holds,
+            margin: worst,
+            tolerance: 0.0,
+            witness: None::<Witness>,
+        });
+    }
+    Ok(())
+}
+
+/// One step of the law from one step's set.
+struct Fall<'a> {
+    needle: Needle,
+    configuration: &'a NmpcConfiguration,
+    wanted: Input,
+    here: End<'a>,
+    next: &'a DMatrix<f64>,
+}
+
+impl Fall<'_> {
+    /// Least (V - V+ - l) / V over samples of the set's boundary, and of the boundary at half its half-axes.
+    fn least_margin(&self, scale: f64, samples: usize) -> Result<f64, StepError> {
+        let (Some(level), Some(k)) = (self.here.level, self.here.k) else {
+            return Ok(0.0);
+        };
+        let p = Matrix6::from_fn(|i, j| self.here.p[(i, j)]);
+        let next = Matrix6::from_fn(|i, j| self.next[(i, j)]);
+        let Some(factor) = p.cholesky() else {
+            return Ok(f64::NEG_INFINITY);
+        };
+        let dt_s = self.configuration.dt_s;
+        let reference = self.needle.step(&Pose::identity(), self.wanted, dt_s)?;
+        let mut directions = Directions(1);
+        let mut least = f64::INFINITY;
+        for sample in 0..samples {
+            let size = if sample % 2 == 0 { 1.0 } else { 0.5 };
+            let value = level * scale * size * size;
+            let direction = directions.next() * value.sqrt();
+            let Some(xi) = factor.l().tr_solve_lower_triangular(&direction) else {
+                return Ok(f64::NEG_INFINITY);
+            };
+            let deviation = k * xi;
+            let input = Input {
+                v_mm_s: self.wanted.v_mm_s + deviation[0],
+                omega_rad_s: self.wanted.omega_rad_s + deviation[1],
+            };
+            let pose = Pose::exp(&xi);
+            let after = self.needle.step(&pose, input, dt_s)?.error_from(&reference);
+            let weights = &self.configuration.weights;
+            let spent = weights.running().of_pose(&pose, &Pose::identity())
+                + weights.of_input(input, self.wanted);
+            least = least.min((value - after.dot(&(next * after)) - spent) / value);
+        }
+        Ok(least)
+    }
+}
+
+/// Deterministic directions, uniform on the sphere: normal deviates SplitMix64 and the Box-Muller transform.
+struct Directions(u64);
+
+impl Directions {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn next(&mut self) -> Vector6<f64> {
+        let normal = Vector6::from_fn(|_, _| {
+            let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+            radius * (std::f64::consts::TAU * self.uniform()).cos()
+        });
+        normal / normal.norm().max(f64::MIN_POSITIVE)
+    }
+}
+
+impl Chosen {
+    /// What the nonlinear controller puts at the end of a horizon that ends at `step`; `None` for its own weights.
+    pub(crate) fn form(&self, step: usize) -> Option<Form> {
+        (self.choice != TerminalChoice::None).then(|| self.ingredients.at(step).into())
+    }
+}
