@@ -2,6 +2,7 @@
 
 use needle_sim::campaign::CampaignError;
 use needle_sim::output::OutputError;
+use needle_sim::report::ReportError;
 use needle_sim::{PathSourceError, RunError, ScenarioError};
 use serde::Serialize;
 use std::io::{self, Write};
@@ -39,6 +40,19 @@ pub(crate) enum CliError {
     Output(#[from] OutputError),
     #[error(transparent)]
     Campaign(#[from] CampaignError),
+    #[error("cannot read {}", path.display())]
+    Unreadable { path: PathBuf, source: io::Error },
+    #[error("{} is no recorded run: needle run --record writes one", path.display())]
+    NotARecord {
+        path: PathBuf,
+        source: serde_json::Error,
+    },
+    #[error("{} holds neither a recorded run nor the summary of a campaign", path.display())]
+    NothingToReport { path: PathBuf },
+    #[error("{} holds {count} runs: without --out each gets a page beside it", path.display())]
+    ManyReports { path: PathBuf, count: usize },
+    #[error(transparent)]
+    Report(#[from] ReportError),
     #[error("results need a folder of their own: give --out, {} is the campaign file", folder.display())]
     CampaignFolder { folder: PathBuf },
     #[error("the campaign has runs 0 to {}, not {run}", runs.saturating_sub(1))]
@@ -59,7 +73,7 @@ impl CliError {
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
             Self::Scenario(_) | Self::Set { .. } | Self::Preset { .. } => 2,
-            Self::CampaignFolder { .. } | Self::NoSuchRun { .. } => 2,
+            Self::CampaignFolder { .. } | Self::ManyReports { .. } | Self::NoSuchRun { .. } => 2,
             Self::Campaign(CampaignError::Faults { .. } | CampaignError::Scenario(_)) => 2,
             Self::Campaign(CampaignError::OtherCampaign { .. }) => 2,
             Self::Interrupted { .. } => 130,

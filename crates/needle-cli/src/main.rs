@@ -6,7 +6,7 @@ mod scenario_arguments;
 
 use answer::{CliError, Verdict, say};
 use clap::{Parser, Subcommand};
-use commands::{campaign, check, compare, merge, reference, run, schema};
+use commands::{campaign, check, compare, merge, reference, report, run, schema};
 use std::process::ExitCode;
 
 /// Simulate, check and compare controllers of bevel-tip needles.
@@ -16,7 +16,7 @@ use std::process::ExitCode;
     version,
     after_help = "A first look:\n  needle run clinical          simulate a preset\n  needle schema --preset \
                   clinical > my.toml\n  needle check my.toml         what can be said before anything moves\n  needle \
-                  run my.toml --track track.csv\n\nExit codes: 0 done, 1 failed, 2 wrong call or scenario, 3 done and \
+                  run my.toml --report run.html   look at it in a browser\n\nExit codes: 0 done, 1 failed, 2 wrong call or scenario, 3 done and \
                   the answer is no."
 )]
 struct Cli {
@@ -38,6 +38,8 @@ enum Command {
     Compare(compare::Args),
     /// Find the needle's states and inputs along positions from a CSV file.
     Reference(reference::Args),
+    /// Show recorded runs or a campaign as HTML pages that open from disk.
+    Report(report::Args),
     /// Print every key of a scenario with default, range and meaning, or a preset.
     Schema(schema::Args),
 }
@@ -55,6 +57,7 @@ fn main() -> ExitCode {
         Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Reference(args) => reference::run(&args),
+        Command::Report(args) => report::run(&args),
         Command::Schema(args) => schema::run(&args),
     };
     match outcome {

@@ -3,6 +3,9 @@
 // What a test's own functions cannot unwrap fails the test.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+#[path = "program/campaigns.rs"]
+mod campaigns;
+
 use std::path::Path;
 use std::process::{Command, Output};
 

@@ -5,8 +5,8 @@ use crate::imaging::{Imaging, Reading};
 use crate::path_distance::{Nearest, PathDistance};
 use crate::path_source::{PathSourceError, reference_path};
 use crate::record::{
-    InputRecord, OriginRecord, PoseRecord, ReadingRecord, ReferenceRecord, RunRecord, RunSummary,
-    StepRecord,
+    EllipsoidRecord, InputRecord, OriginRecord, PoseRecord, ReadingRecord, ReferenceRecord,
+    RunRecord, RunSummary, StepRecord,
 };
 use crate::scenario::Scenario;
 use crate::simulated_needle::{PlantError, SimulatedNeedle};
@@ -58,6 +58,7 @@ struct Sample<'a> {
     reading: Option<Reading>,
     measurement: &'a Measurement,
     control: &'a ControlStep<'a>,
+    steering: &'a Steering,
     base_input: Input,
     nearest: &'a Nearest,
     took: Duration,
@@ -154,6 +155,7 @@ impl Experiment {
         let substep_s = dt_s / scenario.plant.substeps as f64;
         let mut ending = Ending::DurationOver;
         let mut held = Input::ZERO;
+        let mut predicted = Vec::new();
         imaging.look(&plant.tip(), 0.0);
         for step in 0..self.most_samples() {
             let time_s = step as f64 * dt_s;
@@ -170,10 +172,24 @@ impl Experiment {
             let started = Instant::now();
             let control = steering.controller().step(&measurement, time_s);
             let took = started.elapsed();
+            // Copied, for the controller is asked for its terminal set as well.
+            predicted.clear();
+            predicted.extend_from_slice(control.predicted);
+            let ControlStep {
+                input,
+                origin,
+                statistics,
+                ..
+            } = control;
+            let control = ControlStep {
+                input,
+                origin,
+                statistics,
+                predicted: &predicted,
+            };
             let nearest = distance.nearest(&tip.position_mm);
-            let base_input = plant.driven(control.input);
-            held = control.input;
-            let origin = control.origin;
+            let base_input = plant.driven(input);
+            held = input;
             tally.add(&control, &nearest, took);
             observe(Sample {
                 step,
@@ -182,6 +198,7 @@ impl Experiment {
                 reading,
                 measurement: &measurement,
                 control: &control,
+                steering: &steering,
                 base_input,
                 nearest: &nearest,
                 took,
@@ -245,6 +262,10 @@ impl Experiment {
             iterations: control.statistics.iterations,
             step_us: sample.took.as_secs_f64() * 1e6,
             predicted_mm: positions.collect(),
+            terminal: (!control.predicted.is_empty())
+                .then(|| sample.steering.terminal_region())
+                .flatten()
+                .map(EllipsoidRecord::from),
         }
     }
 }

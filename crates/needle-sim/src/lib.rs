@@ -13,6 +13,8 @@ mod path_source;
 pub mod published;
 mod random;
 pub mod record;
+#[cfg(feature = "report")]
+pub mod report;
 pub mod scenario;
 mod simulated_needle;
 mod steering;

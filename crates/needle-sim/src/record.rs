@@ -2,7 +2,7 @@
 
 use lqr::Certificate;
 use nalgebra::{Quaternion, UnitQuaternion};
-use needle_control::{Origin, StopReason};
+use needle_control::{Origin, StopReason, TerminalRegion};
 use needle_model::{Input, Pose};
 use serde::{Deserialize, Serialize};
 
@@ -88,6 +88,18 @@ pub struct StepRecord {
     pub step_us: f64,
     /// Positions that the controller expects from now on, the present one first, one a sample; empty without a prediction.
     pub predicted_mm: Vec<[f64; 3]>,
+    /// Where the controller's terminal set wants the tip at the end of that prediction; `None` without a set or a prediction.
+    #[serde(default)]
+    pub terminal: Option<EllipsoidRecord>,
+}
+
+/// An ellipsoid { centre + a d_1 + b d_2 + c d_3 : |d| <= 1 } of positions.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct EllipsoidRecord {
+    /// Centre in the world frame, mm.
+    pub centre_mm: [f64; 3],
+    /// Half-axes a, b, c in the world frame, mm.
+    pub half_axes_mm: [[f64; 3]; 3],
 }
 
 /// One row of a campaign. All of it but the two times is a function of the scenario and the run's index.
@@ -167,6 +179,15 @@ impl From<&Pose> for PoseRecord {
         Self {
             position_mm: pose.position_mm.into(),
             quaternion_wxyz: [q.w, q.i, q.j, q.k],
+        }
+    }
+}
+
+impl From<TerminalRegion> for EllipsoidRecord {
+    fn from(region: TerminalRegion) -> Self {
+        Self {
+            centre_mm: region.centre_mm.into(),
+            half_axes_mm: region.half_axes_mm.into(),
         }
     }
 }

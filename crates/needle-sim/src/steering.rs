@@ -5,7 +5,8 @@ use lqr::Certificate;
 use needle_control::{
     BaselineError, BaselineSettings, ConfigurationError, Controller, DutyCycledSteering,
     FeedForward, LawController, LinearConfiguration, LtvController, NmpcConfiguration,
-    NmpcController, SlidingMode, SteeringPid, StraightController, TerminalChoice, TimeVaryingLqr,
+    NmpcController, SlidingMode, SteeringPid, StraightController, TerminalChoice, TerminalRegion,
+    TimeVaryingLqr,
 };
 use needle_model::{Needle, ReferencePath};
 
@@ -116,9 +117,20 @@ impl Steering {
         }
     }
 
+    /// Where its terminal set wants the tip at the horizon's end.
+    pub(crate) fn terminal_region(&self) -> Option<TerminalRegion> {
+        match self {
+            Self::Nmpc(controller) => controller.terminal_region(),
+            Self::Ltv(controller) => controller.terminal_region(),
+            Self::Straight(controller) => controller.terminal_region(),
+            _ => None,
+        }
+    }
+
     /// Terminal cost and set in force.
     pub(crate) fn terminal(&self) -> Option<TerminalChoice> {
         match self {
+            Self::Nmpc(controller) => Some(controller.terminal()),
             Self::Ltv(controller) => Some(controller.terminal()),
             Self::Straight(controller) => Some(controller.terminal()),
             _ => None,
@@ -128,6 +140,7 @@ impl Steering {
     /// What is claimed of its terminal ingredients.
     pub(crate) fn certificate(&self) -> Option<&Certificate> {
         match self {
+            Self::Nmpc(controller) => controller.certificate(),
             Self::Ltv(controller) => controller.certificate(),
             Self::Straight(controller) => controller.certificate(),
             _ => None,

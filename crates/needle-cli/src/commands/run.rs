@@ -4,6 +4,7 @@ use crate::answer::{CliError, Verdict, number, print, print_json};
 use crate::scenario_arguments::ScenarioArgs;
 use needle_sim::output::write_whole;
 use needle_sim::record::StepRecord;
+use needle_sim::report::run_report;
 use needle_sim::{RunRecord, RunSummary, run as simulate};
 use std::path::PathBuf;
 
@@ -21,6 +22,9 @@ pub(crate) struct Args {
     /// Write a row a sample as CSV.
     #[arg(long, value_name = "FILE")]
     track: Option<PathBuf>,
+    /// Write a page for the browser: 3D scene, errors, inputs, solve times.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Print the summary as JSON.
     #[arg(long)]
     json: bool,
@@ -34,6 +38,9 @@ pub(crate) fn run(args: &Args) -> Result<Verdict, CliError> {
     }
     if let Some(path) = &args.track {
         write_whole(path, &track(&record)?)?;
+    }
+    if let Some(path) = &args.report {
+        write_whole(path, run_report(&record)?.as_bytes())?;
     }
     match args.json {
         true => print_json(&record.summary)?,

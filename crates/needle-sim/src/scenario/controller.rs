@@ -225,6 +225,7 @@ fn nmpc(c: &mut NmpcConfiguration, keys: &mut dyn Keys) {
         about,
     );
     convergence(&mut c.convergence, keys);
+    terminal(&mut c.terminal, keys);
     let about = "damping of the change of roll, in mean stage costs";
     keys.number("damping", &mut c.damping, Allowed::NOT_NEGATIVE, about);
     let about = "Gauss-Newton steps for each candidate of the first plan";
