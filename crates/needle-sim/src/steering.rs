@@ -119,6 +119,7 @@ impl Steering {
     /// Terminal cost and set in force.
     pub(crate) fn terminal(&self) -> Option<TerminalChoice> {
         match self {
+            Self::Nmpc(controller) => Some(controller.terminal()),
             Self::Ltv(controller) => Some(controller.terminal()),
             Self::Straight(controller) => Some(controller.terminal()),
             _ => None,
@@ -128,6 +129,7 @@ impl Steering {
     /// What is claimed of its terminal ingredients.
     pub(crate) fn certificate(&self) -> Option<&Certificate> {
         match self {
+            Self::Nmpc(controller) => controller.certificate(),
             Self::Ltv(controller) => controller.certificate(),
             Self::Straight(controller) => controller.certificate(),
             _ => None,
