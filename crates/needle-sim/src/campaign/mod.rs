@@ -24,3 +24,6 @@ pub use fault::CampaignError;
 pub use merging::{RUNS_FILE, SUMMARY_FILE, TIMES_FILE, TRACKS_FILE, merge, merge_from};
 pub use plan::Campaign;
 pub use slurm::{ARRAY_SCRIPT, MERGE_SCRIPT, SUBMIT_SCRIPT, SlurmArray};
+
+#[cfg(test)]
+mod tests;

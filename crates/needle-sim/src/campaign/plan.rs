@@ -233,26 +233,25 @@ impl Campaign {
                 },
             }]);
         }
-        let first = self.parameters(0);
         let axes = specification.axes.iter();
-        let values = axes.map(|axis| axis.values.clone());
-        let ends = specification.draws.iter().map(|d| d.distribution.ends());
+        let axes = axes.map(|axis| axis.values.clone());
+        let draws = specification.draws.iter().map(|d| d.distribution.ends());
+        let candidates: Vec<_> = axes.chain(draws).collect();
+        let first: Vec<_> = candidates.iter().map(|values| values[0].clone()).collect();
         let mut found: Vec<Fault> = Vec::new();
-        let mut try_out = |values: &[Value]| match self.with(values) {
-            Ok(_) => Ok(()),
-            Err(error) => self.attributed(error, &mut found),
+        let mut try_out = |mut values: Vec<Value>| {
+            self.multiply(&mut values);
+            match self.with(&values) {
+                Ok(_) => Ok(()),
+                Err(error) => self.attributed(error, &mut found),
+            }
         };
-        try_out(&first)?;
-        for (i, values) in values.chain(ends).enumerate() {
+        try_out(first.clone())?;
+        for (i, values) in candidates.iter().enumerate() {
             for value in values {
-                let mut trial = first.clone();
-                trial[i] = value;
-                if i >= specification.axes.len()
-                    && let Some(factor) = specification.draws[i - specification.axes.len()].times
-                {
-                    trial[i] = multiplied(trial[i].clone(), &trial[factor]);
-                }
-                try_out(&trial)?;
+                let mut varied = first.clone();
+                varied[i] = value.clone();
+                try_out(varied)?;
             }
         }
         Ok(found)

@@ -139,7 +139,7 @@ impl FilterChoice {
         let about = "longest time without an accepted observation for which a pose is reported";
         keys.number("blind_limit_s", blind_limit_s, time, about);
         let about = "samples and observations that are remembered for late ones";
-        super::keys::size(keys, "history", history, (4, 10_000), about);
+        super::keys::size(keys, "history", history, (4, 1000), about);
         keys.table("entry", "what is known at entry", &mut |keys| {
             self.entry.keys(keys);
         });

@@ -3,6 +3,7 @@
 //! Keys carry units. Each section lists its keys once, with range and meaning ([`keys`]); reading, printing and the description
 //! of what may be written all walk over the same list.
 
+mod conflicts;
 mod controller;
 pub(crate) mod document;
 mod estimator;

@@ -2,6 +2,7 @@
 //! first.
 
 use super::Scenario;
+use super::conflicts::conflicts;
 use super::document::{Node, Value};
 use super::faults::{Fault, Problem};
 use super::keys::{Allowed, Choice, Keys};
@@ -22,52 +23,6 @@ pub(super) fn read(scenario: &mut Scenario, root: &Node) -> Vec<Fault> {
         }));
     }
     faults
-}
-
-/// What the keys' ranges cannot say.
-fn conflicts(scenario: &Scenario) -> impl Iterator<Item = (&'static str, &'static str)> {
-    use super::{EstimatorChoice, Reference};
-    let sensors = &scenario.sensors;
-    let blind = !(sensors.tangent_measured && sensors.roll_measured);
-    let knots = &scenario.plant.curvature_profile;
-    let segments = match &scenario.reference {
-        Reference::Inputs { segments, .. } => Some(segments),
-        _ => None,
-    };
-    let samples: f64 = segments.map_or(1.0, |segments| {
-        segments.iter().map(|s| s.duration_s / scenario.dt_s).sum()
-    });
-    [
-        (
-            scenario.estimator == EstimatorChoice::Raw && blind,
-            "estimator.kind",
-            "`raw` needs sensors that measure tangent and roll; `filter` does not",
-        ),
-        (
-            knots
-                .windows(2)
-                .any(|pair| pair[1].depth_mm <= pair[0].depth_mm),
-            "plant.curvature_profile",
-            "depth_mm must increase from knot to knot",
-        ),
-        (
-            segments.is_some_and(Vec::is_empty),
-            "reference.segments",
-            "needs at least one segment",
-        ),
-        (
-            samples > super::MOST_SAMPLES,
-            "reference.segments",
-            "the path has more than a million samples of dt_s",
-        ),
-        (
-            scenario.duration_s.unwrap_or(0.0) / scenario.dt_s > super::MOST_SAMPLES,
-            "duration_s",
-            "the run has more than a million samples of dt_s",
-        ),
-    ]
-    .into_iter()
-    .filter_map(|(wrong, key, words)| wrong.then_some((key, words)))
 }
 
 fn line_of(root: &Node, key: &str) -> Option<usize> {

@@ -213,6 +213,24 @@ fn a_path_of_more_than_a_million_samples_is_refused() {
 }
 
 #[test]
+fn a_segment_that_ends_between_samples_is_refused() {
+    let mut clinical = preset("clinical");
+    clinical
+        .set("reference.segments.0.duration_s", 0.25)
+        .unwrap();
+    let error = clinical.scenario().unwrap_err().to_string();
+    assert!(
+        error.contains("reference.segments: each duration_s must be a whole number of samples"),
+        "{error}"
+    );
+    // 0.3 / 0.1 is not 3 in doubles.
+    clinical
+        .set("reference.segments.0.duration_s", 0.3)
+        .unwrap();
+    clinical.scenario().unwrap();
+}
+
+#[test]
 fn a_key_set_from_outside_is_as_if_written() {
     let mut document = Document::parse(SOUND).unwrap();
     document.set("limits.v_max_mm_s", 30).unwrap();
