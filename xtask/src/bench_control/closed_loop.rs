@@ -145,7 +145,9 @@ fn distance_mm(path: &ReferencePath, point_mm: &Vector3<f64>) -> f64 {
     for _ in 0..5 {
         let pose = path.pose_at_time(time_s);
         let ahead_mm = (point_mm - pose.position_mm).dot(&pose.tangent());
-        time_s = (time_s + ahead_mm / speed_mm_s).clamp(0.0, path.duration_s());
+        // Within the neighbouring samples: near its end a path slows down, and a slow path is no measure of time.
+        let correction_s = (ahead_mm / speed_mm_s).clamp(-path.dt_s(), path.dt_s());
+        time_s = (time_s + correction_s).clamp(0.0, path.duration_s());
     }
     (point_mm - path.pose_at_time(time_s).position_mm).norm()
 }
