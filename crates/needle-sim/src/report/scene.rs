@@ -215,11 +215,15 @@ fn lengths(ellipsoid: &EllipsoidRecord) -> String {
 }
 
 fn layout(extent: &Extent, moments: &[Moment]) -> Layout {
-    let axis =
-        |title: &str, i: usize| -> Axis { theme::axis(title).range(extent.range(i).to_vec()) };
+    let axis = |title: &str, i: usize| -> Axis {
+        theme::axis(title)
+            .range(extent.range(i).to_vec())
+            .n_ticks(6)
+    };
     // Depth runs to the right, the side that an unturned needle bends to (-y) up.
     let camera = Camera::new()
-        .eye((1.55, -0.75, -0.4).into())
+        .eye((1.5, -0.7, -0.5).into())
+        .center((0.0, 0.05, -0.1).into())
         .up((0.0, -1.0, 0.0).into());
     let scene = LayoutScene::new()
         .x_axis(axis("x, mm", 0))
