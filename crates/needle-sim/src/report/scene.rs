@@ -271,8 +271,8 @@ fn slider(moments: &[Moment]) -> Slider {
         .steps(steps.collect())
         .current_value(value)
         .pad(Pad::new(24, 8, 0))
-        .x(0.24)
-        .length(0.74)
+        .x(0.0)
+        .length(1.0)
         .y(0.0)
         .y_anchor(Anchor::Top)
 }
@@ -292,7 +292,8 @@ fn play_buttons() -> UpdateMenu {
         .direction(UpdateMenuDirection::Left)
         .show_active(false)
         .buttons(buttons)
-        .pad(Pad::new(40, 8, 0))
+        // Below the slider, whatever the width.
+        .pad(Pad::new(104, 8, 0))
         .x(0.0)
         .x_anchor(Anchor::Left)
         .y(0.0)
