@@ -5,6 +5,8 @@
 
 #[path = "program/campaigns.rs"]
 mod campaigns;
+#[path = "program/reports.rs"]
+mod reports;
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -287,7 +289,7 @@ fn help_names_every_command() {
     let folder = folder();
     let output = needle(&["--help"], folder.path());
     assert_eq!(output.status.code(), Some(0));
-    for command in ["run", "check", "compare", "reference", "schema"] {
+    for command in ["run", "check", "compare", "reference", "report", "schema"] {
         assert!(
             text(&output.stdout).contains(&format!("\n  {command} ")),
             "{command}"

@@ -41,12 +41,12 @@ heading_std_rad_per_sqrt_mm = 0.001
 /// What must not depend on threads, shards and interruptions.
 const EQUAL: [&str; 2] = ["runs.parquet", "tracks.parquet"];
 
-fn campaign_in(folder: &Path) {
+pub(super) fn campaign_in(folder: &Path) {
     fs::write(folder.join("campaign.toml"), CAMPAIGN).unwrap();
     fs::write(folder.join("scenario.toml"), SCENARIO).unwrap();
 }
 
-fn done(arguments: &[&str], folder: &Path) -> String {
+pub(super) fn done(arguments: &[&str], folder: &Path) -> String {
     let output = needle(arguments, folder);
     let words = text(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{arguments:?}: {words}");

@@ -7,7 +7,7 @@ const LEAST_SIDE: f64 = 0.35;
 const MARGIN: f64 = 0.06;
 
 /// Drawn length of the longest side; the camera's distance is in the same unit.
-const LONGEST_DRAWN: f64 = 1.8;
+const LONGEST_DRAWN: f64 = 1.55;
 
 /// A box around points, never flat.
 #[derive(Debug, Clone, Copy, PartialEq)]

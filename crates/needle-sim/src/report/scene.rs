@@ -215,11 +215,15 @@ fn lengths(ellipsoid: &EllipsoidRecord) -> String {
 }
 
 fn layout(extent: &Extent, moments: &[Moment]) -> Layout {
-    let axis =
-        |title: &str, i: usize| -> Axis { theme::axis(title).range(extent.range(i).to_vec()) };
+    let axis = |title: &str, i: usize| -> Axis {
+        theme::axis(title)
+            .range(extent.range(i).to_vec())
+            .n_ticks(6)
+    };
     // Depth runs to the right, the side that an unturned needle bends to (-y) up.
     let camera = Camera::new()
-        .eye((1.55, -0.75, -0.4).into())
+        .eye((1.5, -0.7, -0.5).into())
+        .center((0.0, 0.05, -0.1).into())
         .up((0.0, -1.0, 0.0).into());
     let scene = LayoutScene::new()
         .x_axis(axis("x, mm", 0))
@@ -267,8 +271,8 @@ fn slider(moments: &[Moment]) -> Slider {
         .steps(steps.collect())
         .current_value(value)
         .pad(Pad::new(24, 8, 0))
-        .x(0.24)
-        .length(0.74)
+        .x(0.0)
+        .length(1.0)
         .y(0.0)
         .y_anchor(Anchor::Top)
 }
@@ -288,7 +292,8 @@ fn play_buttons() -> UpdateMenu {
         .direction(UpdateMenuDirection::Left)
         .show_active(false)
         .buttons(buttons)
-        .pad(Pad::new(40, 8, 0))
+        // Below the slider, whatever the width.
+        .pad(Pad::new(104, 8, 0))
         .x(0.0)
         .x_anchor(Anchor::Left)
         .y(0.0)
