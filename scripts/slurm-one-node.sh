@@ -117,13 +117,12 @@ array=$(sed 's/array \([0-9]*\),.*/\1/' submitted)
 
 parts() { ls results/parts 2>/dev/null | grep -c '^part-' || true; }
 await 60 "the first chunks" '[ "$(parts)" -ge 5 ]'
-killed=$(squeue --noheader --states=running --format=%A_%a --jobs="$array" --array | head -1)
 task=$(squeue --noheader --states=running --format=%i --jobs="$array" --array | head -1)
 before=$(parts)
 # Slurm kills the task's processes and puts it back into the queue.
 scontrol requeue "$task"
 await 20 "the killed task in the queue" '[ -n "$(squeue --noheader --jobs="$array" --array --format=%i)" ]'
-echo "task $task ($killed) killed and requeued with $before of 160 chunks done"
+echo "task $task killed and requeued with $before of 160 chunks done"
 # Slurm lets a requeued task wait for two minutes; nobody else needs the time here.
 for _ in $(seq 300); do
     scontrol update jobid="$task" StartTime=now 2>/dev/null || true

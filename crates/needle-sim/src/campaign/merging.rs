@@ -12,8 +12,8 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Rows of a row group: enough to compress well and to read fast, some 20 MB in memory.
-const GROUP_ROWS: usize = 1 << 16;
+/// Rows of a row group: enough to compress well and to read fast, some 6 MB in memory.
+const GROUP_ROWS: usize = 1 << 14;
 
 /// A row a run.
 pub const RUNS_FILE: &str = "runs.parquet";

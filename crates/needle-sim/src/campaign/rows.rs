@@ -149,7 +149,7 @@ fn words(value: &Value) -> String {
             let entries: Vec<_> = entries
                 .map(|(k, v)| format!("{k} = {}", words(v)))
                 .collect();
-            entries.join(", ")
+            format!("{{ {} }}", entries.join(", "))
         }
         Value::Float(number) => format!("{number:?}"),
         Value::Integer(number) => number.to_string(),
