@@ -1,5 +1,6 @@
 //! Repository commands. `cargo xtask sweep` regenerates the paper's figures; see `cargo xtask --help`.
 
+mod bench_control;
 mod sweep;
 
 use clap::{Parser, Subcommand};
@@ -17,6 +18,8 @@ struct Cli {
 enum Command {
     /// Regenerate the paper's figures as data (CSV) and pictures (SVG, HTML).
     Sweep(sweep::Args),
+    /// Run every controller in closed loop on every case and print the table.
+    BenchControl(bench_control::Args),
 }
 
 fn main() -> ExitCode {
@@ -33,9 +36,14 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    let outcome = match cli.command {
-        Command::Sweep(args) => sweep::run(&args),
-    };
+    match cli.command {
+        Command::Sweep(args) => ended(sweep::run(&args)),
+        Command::BenchControl(args) => ended(bench_control::run(&args)),
+    }
+}
+
+/// An error becomes a line and the exit code of failure.
+fn ended<E: std::error::Error + 'static>(outcome: Result<(), E>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -18,6 +18,10 @@ const SECOND_ORDER: f64 = 1e-3;
 
 /// Cost and set at the end of the horizon.
 #[derive(Debug, Clone)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a boxed form would allocate inside a step"
+)]
 pub(crate) enum HorizonEnd {
     /// A cost of the same form as the stages', and no set.
     Weights(PoseWeights),

@@ -122,7 +122,7 @@ fn descends(controller: &mut NmpcController, reference: &ReferencePath, xi: Vect
     let weights = controller.configuration().weights;
     let mut pose = reference.poses()[0].perturbed(&xi);
     let mut before: Option<(f64, f64)> = None;
-    for step in 0..30 {
+    for step in 0..20 {
         let decided = controller.step(&Measurement::of(pose), step as f64 * DT_S);
         let (input, origin) = (decided.input, decided.origin);
         if step == 0 && origin != Origin::Optimal {
@@ -163,11 +163,11 @@ fn cost_of_the_needle_itself_falls_by_the_stage_cost() {
     .unwrap();
     let mut noise = Noise(29);
     let size = Vector6::new(0.3, 0.3, 0.5, 0.03, 0.03, 0.4);
-    let feasible = (0..40)
+    let feasible = (0..16)
         .filter(|_| {
             let xi = size.map(|s| s * (2.0 * noise.uniform() - 1.0));
             descends(&mut controller, &reference, xi)
         })
         .count();
-    assert!(feasible > 10, "{feasible}");
+    assert!(feasible > 5, "{feasible}");
 }

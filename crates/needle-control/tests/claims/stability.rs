@@ -158,14 +158,14 @@ fn helical_starts_stay_feasible_for_500_steps() {
     let reference = path(needle(), HELIX, 600);
     // The claim holds for any horizon; a short one meets the terminal set more often and is cheap enough for 500 steps.
     let mut controller = helical(3, &reference);
-    let count = feasible(1_000, 0.6, |xi| {
+    let count = feasible(600, 0.6, |xi| {
         descends(
             &mut controller,
             LinearPlant::new(&reference, needle(), xi),
             500,
         )
     });
-    assert!(count > 500, "{count}");
+    assert!(count > 400, "{count}");
 }
 
 #[test]
@@ -175,7 +175,7 @@ fn straight_starts_descend_and_stay_feasible_for_500_steps() {
     let mut controller =
         StraightController::new(straight, reference.clone(), certified(3)).unwrap();
     assert!(controller.certificate().unwrap().holds());
-    let count = feasible(1_000, 1.0, |xi| {
+    let count = feasible(700, 1.0, |xi| {
         // Depth and roll are all that a straight needle can correct.
         let xi = Vector6::new(0.0, 0.0, 2.0 * xi[2], 0.0, 0.0, 3.0 * xi[5]);
         descends(
@@ -184,7 +184,7 @@ fn straight_starts_descend_and_stay_feasible_for_500_steps() {
             500,
         )
     });
-    assert!(count > 500, "{count}");
+    assert!(count > 400, "{count}");
 }
 
 #[test]

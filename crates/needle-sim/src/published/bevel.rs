@@ -169,6 +169,48 @@ pub fn run_bevel(run: &str, settings: &BevelSettings) -> Result<RunLog, Publishe
     closed_loop(run, &needle, settings.tolerance, NEEDLE.closed_loop_steps)
 }
 
+/// Scales of the position's rows, in units of a metre.
+pub(super) const SCALES: [f64; 3] = [X_SCALE, YZ_SCALE, YZ_SCALE];
+
+/// The program along a path of the caller's.
+#[derive(Debug, Clone)]
+pub(super) struct Program {
+    settings: BevelSettings,
+    path: Vec<PathPoint>,
+}
+
+impl Program {
+    /// Along points of scaled states, each with the input that led to it.
+    pub(super) fn new(settings: BevelSettings, points: Vec<(Vector6<f64>, Vector2<f64>)>) -> Self {
+        let path = points
+            .into_iter()
+            .map(|(state, input)| PathPoint { state, input })
+            .collect();
+        Self { settings, path }
+    }
+
+    /// The program of a step from `state`.
+    pub(super) fn horizon(&self, state: &Vector6<f64>) -> Horizon<6> {
+        horizon_at(&self.settings, &self.path, state)
+    }
+}
+
+/// The program of a step from `state` along a path.
+fn horizon_at(settings: &BevelSettings, path: &[PathPoint], state: &Vector6<f64>) -> Horizon<6> {
+    let columns = window(path, nearest_point(path, state), settings.horizon);
+    let (a, b) = prediction(&columns[0]);
+    let states: Vec<_> = columns.iter().map(|point| point.state).collect();
+    Horizon {
+        a,
+        b,
+        q: Matrix6::from_diagonal(&settings.q_diagonal.into()),
+        r: Matrix2::from_diagonal(&settings.r_diagonal.into()),
+        targets: states.clone(),
+        states,
+        inputs: columns.iter().map(|point| point.input).collect(),
+    }
+}
+
 /// Millimetres of a position in the program's scaled rows.
 fn position_mm(state: &Vector6<f64>) -> [f64; 3] {
     [
@@ -185,22 +227,7 @@ struct BevelNeedle<'a> {
 
 impl PublishedNeedle<6> for BevelNeedle<'_> {
     fn horizon(&self, state: &Vector6<f64>) -> Horizon<6> {
-        let columns = window(
-            &self.path,
-            nearest_point(&self.path, state),
-            self.settings.horizon,
-        );
-        let (a, b) = prediction(&columns[0]);
-        let states: Vec<_> = columns.iter().map(|point| point.state).collect();
-        Horizon {
-            a,
-            b,
-            q: Matrix6::from_diagonal(&self.settings.q_diagonal.into()),
-            r: Matrix2::from_diagonal(&self.settings.r_diagonal.into()),
-            targets: states.clone(),
-            states,
-            inputs: columns.iter().map(|point| point.input).collect(),
-        }
+        horizon_at(self.settings, &self.path, state)
     }
 
     fn advance(&self, state: &Vector6<f64>, input: &Vector2<f64>) -> Vector6<f64> {

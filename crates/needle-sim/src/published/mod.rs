@@ -16,12 +16,14 @@
 mod bevel;
 mod closed_loop;
 mod constants;
+mod controller;
 mod horizon;
 mod sets;
 mod straight;
 
 pub use bevel::{BevelSettings, bevel_reference, run_bevel};
 pub use constants::{CONSTANTS, Constants, NeedleConstants};
+pub use controller::{PublishedController, PublishedPathError};
 pub use sets::{Figure, PublishedRun, RunSettings, figure_runs};
 pub use straight::{StraightSettings, run_straight, straight_reference};
 
