@@ -1,5 +1,6 @@
 //! The controllers that a scenario can name, as one type that is made once and cloned for each run.
 
+use crate::published::{PublishedController, PublishedPathError};
 use crate::scenario::{ControllerChoice, Patience, Scenario};
 use lqr::Certificate;
 use needle_control::{
@@ -19,6 +20,9 @@ pub enum ControllerError {
     /// An explicit law.
     #[error(transparent)]
     Explicit(#[from] BaselineError),
+    /// The published program.
+    #[error(transparent)]
+    Published(#[from] PublishedPathError),
 }
 
 /// A controller by name.
@@ -32,6 +36,7 @@ pub(crate) enum Steering {
     SlidingMode(Box<LawController<SlidingMode>>),
     DutyCycled(Box<LawController<DutyCycledSteering>>),
     FeedForward(Box<FeedForward>),
+    Published(Box<PublishedController>),
 }
 
 impl Steering {
@@ -101,6 +106,10 @@ impl Steering {
                 let settings = settings(&Patience::default());
                 Self::FeedForward(Box::new(FeedForward::new(path, settings)?))
             }
+            ControllerChoice::Published(settings) => {
+                let controller = PublishedController::new(&path, settings.clone())?;
+                Self::Published(Box::new(controller))
+            }
         })
     }
 
@@ -114,6 +123,7 @@ impl Steering {
             Self::SlidingMode(controller) => controller.as_mut(),
             Self::DutyCycled(controller) => controller.as_mut(),
             Self::FeedForward(controller) => controller.as_mut(),
+            Self::Published(controller) => controller.as_mut(),
         }
     }
 

@@ -6,9 +6,9 @@ mod closed_loop;
 mod controllers;
 mod golden;
 
-use needle_sim::output::OutputError;
 use cases::CaseError;
 use closed_loop::Score;
+use needle_sim::output::OutputError;
 use std::io::Write;
 
 /// Options of `cargo xtask bench-control`.

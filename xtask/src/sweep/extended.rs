@@ -44,7 +44,7 @@ omega_max_rad_s = 12.566370614359172
 v_rate_max_mm_s2 = 100.0
 omega_rate_max_rad_s2 = 50.0
 [plant]
-curvature_factor = 0.9
+curvature_factor = 1.1
 start.offset_mm = [0.7, 0.7, 0.0]
 start.rotation_rad = [0.0, 0.0, 0.17453292519943295]
 [sensors]
@@ -163,6 +163,23 @@ fn scenario(family: Family, controller: &str, weights: Weights) -> Result<Docume
     Ok(document)
 }
 
+/// Controllers with weights of their own, for contrast: the paper's weights are made for its own program.
+const OWN_WEIGHTS: [(&str, &[(&str, &str)]); 2] = [
+    (
+        "nmpc own weights",
+        &[("name", "nmpc"), ("convergence", "full")],
+    ),
+    ("pid", &[("name", "pid")]),
+];
+
+fn with_own_weights(family: Family, keys: &[(&str, &str)]) -> Result<Document, ScenarioError> {
+    let mut document = Document::parse(family.base())?;
+    for (key, value) in keys {
+        document.set(&format!("controller.{key}"), *value)?;
+    }
+    Ok(document)
+}
+
 /// One data file: all runs of a sweep, the reference first.
 #[derive(Debug)]
 pub(super) struct ExtendedFile {
@@ -181,19 +198,16 @@ pub(super) fn compute() -> Result<Vec<ExtendedFile>, SweepError> {
             ('n', "fig10_n_sweep"),
         ] {
             let mut logs = Vec::new();
-            for controller in ["ltv", "nmpc"] {
-                for (name, weights) in sweep(letter) {
-                    let run = format!("{controller} {name}");
-                    let recorded = recorded(family, controller, weights);
-                    let record = recorded.map_err(|source| SweepError::Extended {
-                        run: format!("{}/{run}", family.folder()),
-                        source: Box::new(source),
-                    })?;
-                    if logs.is_empty() {
-                        logs.push(record.reference.log());
-                    }
-                    logs.push(record.log(&run));
+            for (run, document) in documents(family, letter) {
+                let recorded = document.map_err(ExtendedError::from).and_then(recorded);
+                let record = recorded.map_err(|source| SweepError::Extended {
+                    run: format!("{}/{run}", family.folder()),
+                    source: Box::new(source),
+                })?;
+                if logs.is_empty() {
+                    logs.push(record.reference.log());
                 }
+                logs.push(record.log(&run));
             }
             files.push(ExtendedFile { family, stem, logs });
         }
@@ -202,13 +216,22 @@ pub(super) fn compute() -> Result<Vec<ExtendedFile>, SweepError> {
     Ok(files)
 }
 
-fn recorded(
-    family: Family,
-    controller: &str,
-    weights: Weights,
-) -> Result<needle_sim::RunRecord, ExtendedError> {
-    let scenario = scenario(family, controller, weights)?.scenario()?;
-    Ok(Experiment::new(&scenario)?.record(0)?)
+/// The runs of a file: the sweep with both controllers, and for contrast those with weights of their own.
+fn documents(family: Family, letter: char) -> Vec<(String, Result<Document, ScenarioError>)> {
+    let swept = ["ltv", "nmpc"].into_iter().flat_map(|controller| {
+        sweep(letter).into_iter().map(move |(name, weights)| {
+            (
+                format!("{controller} {name}"),
+                scenario(family, controller, weights),
+            )
+        })
+    });
+    let own = OWN_WEIGHTS.map(|(name, keys)| (name.to_owned(), with_own_weights(family, keys)));
+    swept.chain(own).collect()
+}
+
+fn recorded(document: Document) -> Result<needle_sim::RunRecord, ExtendedError> {
+    Ok(Experiment::new(&document.scenario()?)?.record(0)?)
 }
 
 /// Writes data and pictures of both families below `out`.

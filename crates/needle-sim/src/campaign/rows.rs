@@ -87,7 +87,7 @@ fn figures(rows: &[Row]) -> Vec<Column> {
 pub(super) fn thinned(record: RunRecord, every: u64) -> Vec<StepRecord> {
     let last = record.steps.len().saturating_sub(1);
     let mut steps = record.steps;
-    steps.retain(|step| step.step as u64 % every == 0 || step.step == last);
+    steps.retain(|step| (step.step as u64).is_multiple_of(every) || step.step == last);
     for step in &mut steps {
         // By far the largest part of a sample, and no column.
         step.predicted_mm = Vec::new();

@@ -173,7 +173,7 @@ pub fn run_bevel(run: &str, settings: &BevelSettings) -> Result<RunLog, Publishe
 pub(super) const SCALES: [f64; 3] = [X_SCALE, YZ_SCALE, YZ_SCALE];
 
 /// The program along a path of the caller's.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Program {
     settings: BevelSettings,
     path: Vec<PathPoint>,

@@ -21,6 +21,17 @@ pub struct PublishedController {
     step: usize,
 }
 
+impl Clone for PublishedController {
+    /// Every solve starts cold, so a new solver is as good as the old one.
+    fn clone(&self) -> Self {
+        Self {
+            program: self.program.clone(),
+            solver: HorizonSolver::new(self.tolerance),
+            ..*self
+        }
+    }
+}
+
 /// Why a path is none for the published program.
 #[derive(Debug, thiserror::Error)]
 pub enum PublishedPathError {

@@ -52,7 +52,7 @@ pub(super) fn spreads(summary: &CampaignSummary) -> Plot {
     };
     let rates: Vec<_> = cells.iter().map(|cell| Some(rate(cell))).collect();
     plot.add_trace(points(cells, &rates, "success", theme::GREEN, -0.12).y_axis("y"));
-    let estimates: [(&str, &str, f64, fn(&Spread) -> Estimate); 3] = [
+    let estimates: [(&str, &str, f64, EstimateOf); 3] = [
         ("mean", theme::BLUE, -0.12, |spread| spread.mean),
         ("median", theme::ORANGE, 0.0, |spread| spread.median),
         ("95 % of the runs", theme::RED, 0.12, |spread| spread.p95),
@@ -146,7 +146,7 @@ pub(super) fn fallbacks(summary: &CampaignSummary) -> Plot {
         .x_axis(cell_axis(cells))
         .y_axis(theme::axis("samples, %"));
     let mut plot = theme::plot(layout);
-    let causes: [(&str, &str, fn(&CellSummary) -> Cause); 4] = [
+    let causes: [(&str, &str, CauseOf); 4] = [
         ("soft limit violated", theme::ORANGE, |c| {
             c.fallbacks.degraded
         }),

@@ -50,7 +50,7 @@ fn every_variant_of_the_schema_can_be_chosen_and_read_back() {
     for (key, names) in [
         (
             "controller",
-            "name nmpc ltv straight pid lqr sliding_mode duty_cycled feed_forward",
+            "name nmpc ltv straight pid lqr sliding_mode duty_cycled feed_forward published",
         ),
         ("reference", "kind paper_bevel paper_euler paper_straight"),
         ("estimator", "kind perfect raw filter"),

@@ -4,12 +4,13 @@ mod laws;
 mod predictive;
 
 use super::keys::{Allowed, Choice, Keys};
+use crate::published::BevelSettings;
 use laws::{duty_cycled, lqr, pid, sliding_mode};
 use needle_control::{
     BaselineSettings, DutyCycledGains, LinearConfiguration, LqrWeights, NmpcConfiguration,
     PidGains, SlidingModeGains,
 };
-use predictive::{linear, nmpc};
+use predictive::{linear, nmpc, published};
 
 /// A controller by name with its settings.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +31,8 @@ pub enum ControllerChoice {
     DutyCycled(Patience, DutyCycledGains),
     /// The reference's inputs by the clock.
     FeedForward,
+    /// The published program with its errors and its own limits; it never comes to an end.
+    Published(BevelSettings),
 }
 
 /// When an explicit law no longer trusts its measurements.
@@ -71,6 +74,7 @@ impl ControllerChoice {
         "sliding_mode",
         "duty_cycled",
         "feed_forward",
+        "published",
     ];
 
     /// The controller's name in a scenario.
@@ -89,6 +93,7 @@ impl ControllerChoice {
             Self::SlidingMode(..) => 5,
             Self::DutyCycled(..) => 6,
             Self::FeedForward => 7,
+            Self::Published(_) => 8,
         }
     }
 
@@ -103,7 +108,8 @@ impl ControllerChoice {
             4 => Self::Lqr(patience, LqrWeights::default()),
             5 => Self::SlidingMode(patience, SlidingModeGains::default()),
             6 => Self::DutyCycled(patience, DutyCycledGains::default()),
-            _ => Self::FeedForward,
+            7 => Self::FeedForward,
+            _ => Self::Published(BevelSettings::default()),
         }
     }
 
@@ -140,6 +146,7 @@ impl ControllerChoice {
                         duty_cycled(gains, keys);
                     }
                     Self::FeedForward => {}
+                    Self::Published(settings) => published(settings, keys),
                 }
             },
         });

@@ -1,6 +1,7 @@
 //! Keys of the predictive controllers.
 
 use super::{not_negative, positive};
+use crate::published::BevelSettings;
 use crate::scenario::keys::{Allowed, Choice, Keys, one_of, size};
 use needle_control::{
     Convergence, LinearConfiguration, NmpcConfiguration, SpinTarget, Survival, TerminalChoice,
@@ -205,6 +206,34 @@ pub(super) fn linear(c: &mut LinearConfiguration, keys: &mut dyn Keys) {
             ],
         );
     });
+}
+
+pub(super) fn published(settings: &mut BevelSettings, keys: &mut dyn Keys) {
+    let weight = Allowed::NOT_NEGATIVE;
+    let about = "diagonal of Q, for x in mm, y and z in cm, angles in rad";
+    keys.numbers("q_diagonal", &mut settings.q_diagonal, weight, about);
+    let about = "diagonal of R, for v in m/s and omega in rad/s";
+    keys.numbers(
+        "r_diagonal",
+        &mut settings.r_diagonal,
+        Allowed::POSITIVE,
+        about,
+    );
+    let about = "samples of the horizon, no more than the path has";
+    size(
+        keys,
+        "horizon",
+        &mut settings.horizon,
+        (1, LONGEST_HORIZON),
+        about,
+    );
+    let about = "tolerance of the solver";
+    keys.number(
+        "tolerance",
+        &mut settings.tolerance,
+        Allowed::From(1e-12, 1e-2),
+        about,
+    );
 }
 
 fn terminal(value: &mut TerminalChoice, keys: &mut dyn Keys) {
