@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 /// The crates of the workspace that a crate may depend on, in any of its dependency tables.
-const LAYERS: [(&str, &[&str]); 7] = [
+const LAYERS: [(&str, &[&str]); 8] = [
     ("crates/needle-model", &[]),
     ("crates/lqr", &[]),
     ("crates/mpc-qp", &[]),
@@ -15,6 +15,10 @@ const LAYERS: [(&str, &[&str]); 7] = [
     (
         "crates/needle-sim",
         &["needle-model", "lqr", "mpc-qp", "needle-control"],
+    ),
+    (
+        "crates/needle-cli",
+        &["needle-model", "needle-control", "needle-sim"],
     ),
     (
         "xtask",

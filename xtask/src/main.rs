@@ -1,7 +1,6 @@
 //! Repository commands. `cargo xtask sweep` regenerates the paper's figures; see `cargo xtask --help`.
 
 mod bench_control;
-mod output;
 mod sweep;
 
 use clap::{Parser, Subcommand};

@@ -4,7 +4,7 @@
 //! stored doubles: a proof, with no tolerance. What the conditions are is the business of the claims,
 //! [`TerminalClaim`](crate::TerminalClaim) and [`ChainClaim`](crate::ChainClaim).
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// What a verdict rests on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -24,8 +24,14 @@ pub struct Witness {
     pub value: f64,
     /// Its bound.
     pub bound: f64,
-    /// value / bound; infinite for a bound of zero.
+    /// value / bound; infinite for a bound of zero, which JSON writes as null.
+    #[serde(deserialize_with = "infinite_if_null")]
     pub factor: f64,
+}
+
+fn infinite_if_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let factor = Option::<f64>::deserialize(deserializer)?;
+    Ok(factor.unwrap_or(f64::INFINITY))
 }
 
 /// One condition.
@@ -99,5 +105,22 @@ impl std::fmt::Display for Certificate {
             writeln!(f)?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_infinite_factor_survives_json() {
+        let witness = Witness {
+            state: vec![1.0, -2.0],
+            value: 0.5,
+            bound: 0.0,
+            factor: f64::INFINITY,
+        };
+        let text = serde_json::to_string(&witness).unwrap();
+        assert_eq!(serde_json::from_str::<Witness>(&text).unwrap(), witness);
     }
 }

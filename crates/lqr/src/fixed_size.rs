@@ -5,11 +5,9 @@
 //! A = B = Q = 0, a padded input B = 0 and R = 1, so that every formula leaves the padding as it was. Larger
 //! problems take the same formulas over faer's matrices, in the modules that call these.
 
+use crate::fixed_block::Block;
+use crate::riccati::Problem;
 use faer::Mat;
-
-/// R x C, by columns.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Block<const R: usize, const C: usize>([[f64; R]; C]);
 
 /// Calls a kernel that is generic in the number of states; `None` for more than 12.
 macro_rules! by_states {
@@ -43,217 +41,6 @@ macro_rules! by_states_and_inputs {
 }
 pub(crate) use by_states_and_inputs;
 
-impl<const R: usize, const C: usize> Block<R, C> {
-    pub(crate) const ZERO: Self = Self([[0.0; R]; C]);
-
-    /// `a` in the upper left corner of zeros.
-    pub(crate) fn padded(a: &Mat<f64>) -> Self {
-        let mut block = Self::ZERO;
-        for j in 0..a.ncols() {
-            block.0[j][..a.nrows()].copy_from_slice(a.col_as_slice(j));
-        }
-        block
-    }
-
-    /// The upper left corner.
-    pub(crate) fn corner(&self, rows: usize, cols: usize) -> Mat<f64> {
-        let mut a = Mat::zeros(rows, cols);
-        for j in 0..cols {
-            a.col_as_slice_mut(j).copy_from_slice(&self.0[j][..rows]);
-        }
-        a
-    }
-
-    #[inline]
-    pub(crate) fn mul<const D: usize>(&self, b: &Block<C, D>) -> Block<R, D> {
-        let mut c = Block::ZERO;
-        for j in 0..D {
-            let mut column = [0.0; R];
-            for k in 0..C {
-                let s = b.0[j][k];
-                for i in 0..R {
-                    column[i] += self.0[k][i] * s;
-                }
-            }
-            c.0[j] = column;
-        }
-        c
-    }
-
-    #[inline]
-    pub(crate) fn transposed(&self) -> Block<C, R> {
-        let mut t = Block::ZERO;
-        for j in 0..C {
-            for i in 0..R {
-                t.0[i][j] = self.0[j][i];
-            }
-        }
-        t
-    }
-
-    /// `self + s b`.
-    #[inline]
-    pub(crate) fn plus(&self, s: f64, b: &Self) -> Self {
-        let mut c = *self;
-        for j in 0..C {
-            for i in 0..R {
-                c.0[j][i] += s * b.0[j][i];
-            }
-        }
-        c
-    }
-
-    /// Frobenius norm, without protection against overflow: infinite then, and the caller gives up.
-    pub(crate) fn norm(&self) -> f64 {
-        let mut sum = [0.0; R];
-        for column in &self.0 {
-            for i in 0..R {
-                sum[i] += column[i] * column[i];
-            }
-        }
-        sum.iter().sum::<f64>().sqrt()
-    }
-}
-
-impl<const N: usize> Block<N, N> {
-    fn identity() -> Self {
-        let mut eye = Self::ZERO;
-        for i in 0..N {
-            eye.0[i][i] = 1.0;
-        }
-        eye
-    }
-
-    fn symmetric_part(mut self) -> Self {
-        for j in 0..N {
-            for i in 0..j {
-                let mean = 0.5 * self.0[j][i] + 0.5 * self.0[i][j];
-                self.0[j][i] = mean;
-                self.0[i][j] = mean;
-            }
-        }
-        self
-    }
-
-    /// `c' self c` for a symmetric `self`.
-    #[inline]
-    fn congruence<const D: usize>(&self, c: &Block<N, D>) -> Block<D, D> {
-        c.transposed().mul(&self.mul(c)).symmetric_part()
-    }
-
-    /// Elimination with row pivots; `None` at a zero or infinite pivot.
-    fn lu(mut self) -> Option<Lu<N>> {
-        let mut lu = Lu {
-            order: std::array::from_fn(|i| i),
-            factors: [[0.0; N]; N],
-            upper: [[0.0; N]; N],
-            inverses: [0.0; N],
-        };
-        for k in 0..N {
-            let mut pivot = k;
-            for i in k + 1..N {
-                if self.0[k][i].abs() > self.0[k][pivot].abs() {
-                    pivot = i;
-                }
-            }
-            let value = self.0[k][pivot];
-            if value == 0.0 || !value.is_finite() {
-                return None;
-            }
-            if pivot != k {
-                lu.order.swap(k, pivot);
-                for column in &mut self.0 {
-                    column.swap(k, pivot);
-                }
-                for column in &mut lu.factors {
-                    column.swap(k, pivot);
-                }
-            }
-            lu.inverses[k] = 1.0 / value;
-            lu.upper[k][..k].copy_from_slice(&self.0[k][..k]);
-            for i in k + 1..N {
-                lu.factors[k][i] = self.0[k][i] * lu.inverses[k];
-            }
-            for j in k + 1..N {
-                let s = self.0[j][k];
-                for i in 0..N {
-                    self.0[j][i] -= s * lu.factors[k][i];
-                }
-            }
-        }
-        Some(lu)
-    }
-
-    /// Solves `self x = rhs` for a positive definite `self`; `None` where it is not.
-    fn cholesky_solve<const D: usize>(mut self, mut rhs: Block<N, D>) -> Option<Block<N, D>> {
-        for j in 0..N {
-            let pivot = self.0[j][j];
-            // Written so that NaN is refused as well.
-            if !(pivot > 0.0 && pivot.is_finite()) {
-                return None;
-            }
-            let inverse = 1.0 / pivot.sqrt();
-            for i in j..N {
-                self.0[j][i] *= inverse;
-            }
-            for k in j + 1..N {
-                let s = self.0[j][k];
-                for i in k..N {
-                    self.0[k][i] -= s * self.0[j][i];
-                }
-            }
-        }
-        for x in &mut rhs.0 {
-            for k in 0..N {
-                x[k] /= self.0[k][k];
-                for i in k + 1..N {
-                    x[i] -= x[k] * self.0[k][i];
-                }
-            }
-            for k in (0..N).rev() {
-                for i in k + 1..N {
-                    x[k] -= x[i] * self.0[k][i];
-                }
-                x[k] /= self.0[k][k];
-            }
-        }
-        Some(rhs)
-    }
-}
-
-/// Factors of a square block. Both triangles are kept as whole columns with zeros, so that a column is one operation.
-struct Lu<const N: usize> {
-    order: [usize; N],
-    factors: [[f64; N]; N],
-    upper: [[f64; N]; N],
-    inverses: [f64; N],
-}
-
-impl<const N: usize> Lu<N> {
-    #[inline]
-    fn solve(&self, rhs: &Block<N, N>) -> Block<N, N> {
-        let mut solved = Block::ZERO;
-        for (target, column) in solved.0.iter_mut().zip(&rhs.0) {
-            let mut x: [f64; N] = std::array::from_fn(|i| column[self.order[i]]);
-            for k in 0..N {
-                let s = x[k];
-                for i in 0..N {
-                    x[i] -= s * self.factors[k][i];
-                }
-            }
-            for k in (0..N).rev() {
-                x[k] *= self.inverses[k];
-                let s = x[k];
-                for i in 0..N {
-                    x[i] -= s * self.upper[k][i];
-                }
-            }
-            *target = x;
-        }
-        solved
-    }
-}
-
 /// Limit of H under doubling from (A, G, H), as `StageMap::fixed_point`.
 pub(crate) fn doubling<const N: usize>(
     a: &Mat<f64>,
@@ -262,15 +49,41 @@ pub(crate) fn doubling<const N: usize>(
     max_doublings: usize,
 ) -> Option<(Mat<f64>, usize)> {
     let states = a.nrows();
-    let (mut a, mut g, mut h) = (
-        Block::<N, N>::padded(a),
-        Block::<N, N>::padded(g),
-        Block::<N, N>::padded(h),
-    );
+    let blocks = (Block::padded(a), Block::padded(g), Block::padded(h));
+    let (limit, count) = doubled::<N>(blocks, max_doublings)?;
+    Some((limit.corner(states, states), count))
+}
+
+/// `doubling` from the data of a problem: G = BR^-1B', and with a cross term A - BR^-1S', Q - SR^-1S'.
+pub(crate) fn problem_doubling<const N: usize, const M: usize>(
+    problem: &Problem,
+    max_doublings: usize,
+) -> Option<(Mat<f64>, usize)> {
+    let (states, inputs) = (problem.b.nrows(), problem.b.ncols());
+    let (mut a, mut h) = (Block::padded(&problem.a), Block::padded(&problem.q));
+    let b = Block::<N, M>::padded(&problem.b);
+    let mut r = Block::<M, M>::padded(&problem.r);
+    for i in inputs..M {
+        r.0[i][i] = 1.0;
+    }
+    let g = b.mul(&r.cholesky_solve(b.transposed())?).symmetric_part();
+    if let Some(s) = problem.s.as_ref().map(Block::<N, M>::padded) {
+        let solved = r.cholesky_solve(s.transposed())?;
+        a = a.plus(-1.0, &b.mul(&solved));
+        h = h.plus(-1.0, &s.mul(&solved)).symmetric_part();
+    }
+    let (limit, count) = doubled((a, g, h), max_doublings)?;
+    Some((limit.corner(states, states), count))
+}
+
+fn doubled<const N: usize>(
+    (mut a, mut g, mut h): (Block<N, N>, Block<N, N>, Block<N, N>),
+    max_doublings: usize,
+) -> Option<(Block<N, N>, usize)> {
     for count in 1..=max_doublings {
-        let w = Block::identity().plus(1.0, &g.mul(&h)).lu()?;
-        let wa = w.solve(&a);
-        let growth = a.transposed().mul(&h.mul(&wa)).symmetric_part();
+        let inverse = Block::identity().plus(1.0, &g.mul(&h)).inverse()?;
+        let (wa, transposed) = (inverse.mul(&a), a.transposed());
+        let growth = transposed.mul(&h.mul(&wa)).symmetric_part();
         h = h.plus(1.0, &growth);
         let size = h.norm();
         if !size.is_finite() {
@@ -278,9 +91,9 @@ pub(crate) fn doubling<const N: usize>(
         }
         // The next A is A W^-1 A, and the next growth at most |A|^2 |H|: below 1e-18 of H it cannot matter.
         if growth.norm() <= 1e-15 * size || a.norm() * wa.norm() < 1e-9 {
-            return Some((h.corner(states, states), count));
+            return Some((h, count));
         }
-        let reach = a.mul(&w.solve(&g)).mul(&a.transposed()).symmetric_part();
+        let reach = a.mul(&inverse.mul(&g)).mul(&transposed).symmetric_part();
         g = g.plus(1.0, &reach);
         a = a.mul(&wa);
         if !g.norm().is_finite() {
@@ -364,7 +177,7 @@ pub(crate) struct Step {
 
 /// The backward step of `problem` from `p`; `None` where R + B'PB is not positive definite.
 pub(crate) fn backward<const N: usize, const M: usize>(
-    problem: &crate::riccati::Problem,
+    problem: &Problem,
     p: &Mat<f64>,
 ) -> Option<Step> {
     let (n, m) = (problem.b.nrows(), problem.b.ncols());

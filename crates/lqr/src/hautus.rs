@@ -16,6 +16,8 @@ use faer::{Mat, MatRef, c64};
 /// Modes inside this radius are not searched: their measure on the circle cannot be near rounding.
 const INNERMOST_MODULUS: f64 = 0.9;
 const MAX_REFINEMENTS: usize = 12;
+/// An eigenvalue that rounding moves further than this is one of many that fit the data.
+const SHARP: f64 = 1e-4;
 
 /// A mode that no input reaches, up to the tolerance.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,6 +34,9 @@ pub struct UncontrollableMode {
     /// Largest entry of |w*(A - lambda I)| and |w*B|, each relative to the length of its column (balanced
     /// coordinates in a solver's error): columns changed by this fraction have exactly this mode.
     pub column_change: f64,
+    /// How far rounding of A moves the eigenvalue, to first order: eps |A| / |w*v|, v the right eigenvector. Large in coordinates so
+    /// skewed that many modes fit the data; computed only where `measure` is below `tolerance`, else zero.
+    pub eigenvalue_shift: f64,
 }
 
 impl UncontrollableMode {
@@ -39,8 +44,11 @@ impl UncontrollableMode {
     /// precision can tell the pair from one that this mode makes not stabilisable.
     #[must_use]
     pub fn is_certain(&self) -> bool {
-        self.measure < self.tolerance
-            && self.column_change < 4.0 * self.left_eigenvector.len() as f64 * f64::EPSILON
+        let by_rounding =
+            self.column_change < 4.0 * self.left_eigenvector.len() as f64 * f64::EPSILON;
+        // Where the entries are exact the mode is, however sensitive.
+        let sharp = self.column_change == 0.0 || self.eigenvalue_shift < SHARP;
+        self.measure < self.tolerance && by_rounding && sharp
     }
 }
 
@@ -173,6 +181,9 @@ pub(crate) fn unreached_modes(
         .min_by(|x, y| x.measure.total_cmp(&y.measure))
         .cloned();
     modes.retain(|mode| mode.measure < mode.tolerance);
+    for mode in &mut modes {
+        mode.eigenvalue_shift = search.eigenvalue_shift(mode);
+    }
     let (unreached, undecided) = modes.into_iter().partition(UncontrollableMode::is_certain);
     Ok(Stabilisability {
         unreached,
@@ -276,7 +287,36 @@ impl<'a> Search<'a> {
             left_eigenvector,
             measure,
             tolerance: self.tolerance,
+            eigenvalue_shift: 0.0,
         }
+    }
+
+    /// eps |A| / |V*w|, V an orthonormal basis of the right eigenspace: of a multiple eigenvalue some vector of it must meet w.
+    fn eigenvalue_shift(&self, mode: &UncontrollableMode) -> f64 {
+        let n = self.a.nrows();
+        let shifted = Mat::<c64>::from_fn(n, n, |i, j| {
+            let entry = c64::new(self.a[(i, j)], 0.0);
+            if i == j {
+                entry - mode.eigenvalue
+            } else {
+                entry
+            }
+        });
+        let Ok(svd) = shifted.svd() else {
+            return f64::INFINITY;
+        };
+        let (v, sigma) = (svd.V(), svd.S().column_vector());
+        let null = |&j: &usize| j + 1 == n || sigma[j].re < self.tolerance * self.scale;
+        let square: f64 = (0..n)
+            .filter(null)
+            .map(|j| {
+                let overlap = (0..n).fold(c64::new(0.0, 0.0), |sum, i| {
+                    sum + v[(i, j)].conj() * mode.left_eigenvector[i]
+                });
+                overlap.re * overlap.re + overlap.im * overlap.im
+            })
+            .sum();
+        f64::EPSILON * self.scale / square.sqrt()
     }
 
     fn column_change(&self, eigenvalue: c64, w: &[c64]) -> f64 {

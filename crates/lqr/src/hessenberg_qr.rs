@@ -16,10 +16,11 @@ struct Working {
     size: usize,
 }
 
-/// Eigenvalues of the matrix with the given columns, entries of the order of one; `None` where the
-/// iteration gives up.
+/// Eigenvalues of `scale` times the matrix with the given columns, its entries then of the order of one;
+/// `None` where the iteration gives up.
 pub(crate) fn eigenvalues<'a>(
     columns: impl ExactSizeIterator<Item = &'a [f64]>,
+    scale: f64,
 ) -> Option<Vec<c64>> {
     let size = columns.len();
     let mut working = Working {
@@ -27,7 +28,9 @@ pub(crate) fn eigenvalues<'a>(
         size,
     };
     for (target, column) in working.entries.iter_mut().zip(columns) {
-        target[..size].copy_from_slice(column);
+        for (x, y) in target.iter_mut().zip(column) {
+            *x = scale * y;
+        }
     }
     working.reduce();
     working.iterate()
@@ -227,7 +230,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn of(a: &Mat<f64>) -> Vec<c64> {
-        eigenvalues((0..a.ncols()).map(|j| a.col_as_slice(j))).unwrap_or_default()
+        eigenvalues((0..a.ncols()).map(|j| a.col_as_slice(j)), 1.0).unwrap_or_default()
     }
 
     /// Largest distance of an eigenvalue to the nearest one not yet taken.

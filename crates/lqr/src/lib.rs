@@ -6,10 +6,14 @@ mod chain_claim;
 mod checks;
 mod constraints;
 mod dare;
+mod dare_error;
 mod dense;
+mod double_double;
 mod doubling;
 mod ellipsoid;
 mod exact;
+mod extended_solution;
+mod fixed_block;
 mod fixed_size;
 mod hautus;
 mod hessenberg_qr;
@@ -24,12 +28,14 @@ mod simplex;
 mod spectrum;
 mod subspace;
 mod terminal_claim;
+mod verdict;
 
 pub use certificate::{Certificate, Check, Rigour, Witness};
 pub use chain::{BackwardChain, ChainError, PeriodicSolution, Stage};
 pub use chain_claim::{ChainClaim, ChainClaimError};
 pub use constraints::{Constraint, ConstraintError, ConstraintKind, Constraints, LawRow};
-pub use dare::{Conditioning, Dare, DareError, DareSolution, NearLoss};
+pub use dare::{Conditioning, Dare, DareSolution, NearLoss};
+pub use dare_error::DareError;
 pub use ellipsoid::{Ellipsoid, LevelReason, TerminalSetError, chain_levels};
 pub use hautus::{
     Stabilisability, UncontrollableMode, UnobservableMode, stabilisability, unobservable_on_circle,

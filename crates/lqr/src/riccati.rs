@@ -261,6 +261,11 @@ impl Balanced {
             p[(i, j)] * self.cost_scale / t[i] / t[j]
         })
     }
+
+    /// K in the caller's coordinates.
+    pub(crate) fn restore_gain(&self, k: &Mat<f64>) -> Mat<f64> {
+        Mat::from_fn(k.nrows(), k.ncols(), |i, j| k[(i, j)] / self.state_scale[j])
+    }
 }
 
 /// diag(rows) w diag(cols).

@@ -4,6 +4,7 @@
 //! [`Attempt::is_stabilising`] alone, never by the route.
 
 use crate::dense::{self, identity, norm};
+use crate::fixed_size::{by_states_and_inputs, problem_doubling};
 use crate::riccati::{Candidate, Problem, indefinite};
 use crate::spectrum::{self, lyapunov_sum};
 use faer::Mat;
@@ -111,7 +112,11 @@ fn regularisations(problem: &Problem) -> Vec<Problem> {
 }
 
 fn doubling(problem: &Problem) -> Option<(Mat<f64>, usize)> {
-    problem.stage_map()?.fixed_point(MAX_DOUBLINGS)
+    let (n, m) = (problem.states(), problem.b.ncols());
+    match by_states_and_inputs!(n, m, problem_doubling(problem, MAX_DOUBLINGS)) {
+        Some(limit) => limit,
+        None => problem.stage_map()?.fixed_point(MAX_DOUBLINGS),
+    }
 }
 
 fn from_surrogate(problem: &Problem, surrogate: &Problem) -> Option<Attempt> {

@@ -66,8 +66,8 @@ fn small_eigenvalues(a: &Mat<f64>) -> Option<Vec<c64>> {
     if n > hessenberg_qr::MAX_SIZE || !size.is_normal() {
         return None;
     }
-    let scaled = add_scaled(&Mat::zeros(n, n), 1.0 / size, a);
-    let mut values = hessenberg_qr::eigenvalues((0..n).map(|j| scaled.col_as_slice(j)))?;
+    let columns = (0..n).map(|j| a.col_as_slice(j));
+    let mut values = hessenberg_qr::eigenvalues(columns, 1.0 / size)?;
     for value in &mut values {
         *value *= size;
     }

@@ -33,5 +33,5 @@ pub use ltv::{
 pub use nmpc::{Convergence, NmpcConfiguration, NmpcController, NmpcWeights, SpinTarget};
 pub use reconstruction::{ReconstructedPath, ReconstructionError, reconstruct_path};
 pub use survival::Survival;
-pub use terminal::{TerminalChoice, TerminalError};
+pub use terminal::{TerminalChoice, TerminalError, TerminalRegion};
 pub use tracking::Tracking;

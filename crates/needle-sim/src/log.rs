@@ -1,5 +1,7 @@
 //! What a closed loop leaves behind: one row a step, and the figures that sum a run up.
 
+use crate::record::{OriginRecord, PoseRecord, ReferenceRecord, RunRecord, StepRecord};
+use needle_model::EulerState;
 use serde::Serialize;
 
 /// One row of a run: the state at a step, and the input of the step that ended in it.
@@ -123,6 +125,87 @@ impl RunLog {
             largest_speed_mm_s: speeds.map(f64::abs).reduce(f64::max),
             median_solve_us: median(&times),
         }
+    }
+}
+
+impl RunRecord {
+    /// The run in the columns of the published runs: a row holds the input of the step that ended in it. Angles are absent where
+    /// the chart is singular.
+    #[must_use]
+    pub fn log(&self, run: &str) -> RunLog {
+        let dt_s = self.steps.get(1).map_or(0.0, |step| step.time_s);
+        let before = std::iter::once(None).chain(self.steps.iter().map(Some));
+        let rows = self.steps.iter().zip(before);
+        RunLog {
+            run: run.into(),
+            dt_s,
+            rows: rows
+                .map(|(step, before)| row(step, before, &self.reference))
+                .collect(),
+        }
+    }
+}
+
+impl ReferenceRecord {
+    /// The path itself in the same columns.
+    #[must_use]
+    pub fn log(&self) -> RunLog {
+        let inputs = std::iter::once(None).chain(self.inputs.iter().map(Some));
+        let rows = self.poses.iter().zip(inputs).enumerate();
+        let rows = rows.map(|(step, (pose, input))| LogRow {
+            step,
+            time_s: step as f64 * self.dt_s,
+            v_mm_s: input.map(|input| input.v_mm_s),
+            omega_rad_s: input.map(|input| input.omega_rad_s),
+            ..placed(pose)
+        });
+        RunLog {
+            run: "reference".into(),
+            dt_s: self.dt_s,
+            rows: rows.collect(),
+        }
+    }
+}
+
+fn row(step: &StepRecord, before: Option<&StepRecord>, reference: &ReferenceRecord) -> LogRow {
+    let [x, y, z] = step.reference.position_mm.map(Some);
+    let squared = |pose: &PoseRecord| -> f64 {
+        let (a, b) = (pose.position_mm, step.tip.position_mm);
+        (0..3).map(|i| (a[i] - b[i]).powi(2)).sum()
+    };
+    let distances = reference.poses.iter().map(squared).enumerate();
+    LogRow {
+        step: step.step,
+        time_s: step.time_s,
+        v_mm_s: before.map(|before| before.input.v_mm_s),
+        omega_rad_s: before.map(|before| before.input.omega_rad_s),
+        ref_x_mm: x,
+        ref_y_mm: y,
+        ref_z_mm: z,
+        nearest: distances
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(index, _)| index),
+        status: before.map(|before| match before.origin {
+            OriginRecord::Optimal => SOLVED,
+            origin => origin.word(),
+        }),
+        iterations: before.map(|before| before.iterations),
+        solve_us: before.map(|before| before.step_us),
+        ..placed(&step.tip)
+    }
+}
+
+fn placed(pose: &PoseRecord) -> LogRow {
+    let [x_mm, y_mm, z_mm] = pose.position_mm.map(Some);
+    let chart = EulerState::from_pose(&pose.pose()).ok();
+    LogRow {
+        x_mm,
+        y_mm,
+        z_mm,
+        alpha_rad: chart.map(|state| state.alpha_rad),
+        beta_rad: chart.map(|state| state.beta_rad),
+        gamma_rad: chart.map(|state| state.gamma_rad),
+        ..LogRow::default()
     }
 }
 

@@ -1,7 +1,7 @@
 //! The committed table. Times are not in it: they are the machine's.
 
 use super::Row;
-use crate::output::{self, OutputError};
+use needle_sim::output::{self, OutputError};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 

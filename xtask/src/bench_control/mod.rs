@@ -6,7 +6,7 @@ mod closed_loop;
 mod controllers;
 mod golden;
 
-use crate::output::OutputError;
+use needle_sim::output::OutputError;
 use cases::CaseError;
 use closed_loop::Score;
 use std::io::Write;

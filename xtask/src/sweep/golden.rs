@@ -2,7 +2,8 @@
 
 use super::compute::ComputedFigure;
 use super::dataset::{self, DatasetError};
-use crate::output::{self, OutputError};
+use super::extended::{self, ExtendedFile, Family};
+use needle_sim::output::{self, OutputError};
 use needle_sim::{LogRow, RunLog};
 use std::fs;
 use std::io;
@@ -74,6 +75,10 @@ fn tolerance(column: &str) -> f64 {
         "v_mm_s" => 1e-2,
         "alpha_rad" | "beta_rad" | "gamma_rad" => 1e-5,
         "omega_rad_s" => 1e-4,
+        // Summaries of two hundred solves in feedback each, some with noise: what another machine's rounding leaves alone.
+        "final_x_mm" | "final_y_mm" | "final_z_mm" | "rms_distance_mm" | "max_distance_mm" => 2e-2,
+        "total_rotation_rad" => 0.1,
+        "largest_speed_mm_s" => 0.1,
         "time_s" => 1e-12,
         "iterations" => 2.0,
         _ => 0.0,
@@ -99,6 +104,41 @@ pub(super) fn bless(figures: &[ComputedFigure]) -> Result<(), GoldenError> {
     output::make_folder(&folder())?;
     for figure in figures {
         output::write_whole(&path(figure), &dataset::encode(&untimed(&figure.logs))?)?;
+    }
+    Ok(())
+}
+
+fn extended_path(family: Family) -> PathBuf {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("golden");
+    folder.join(format!("{}_summary.csv", family.folder()))
+}
+
+/// The summary of a family without its times. Whole tracks of its 36 runs would be a megabyte that says no more.
+fn extended_summary(family: Family, files: &[ExtendedFile]) -> Result<Vec<u8>, GoldenError> {
+    let untimed: Vec<ExtendedFile> = files
+        .iter()
+        .map(|file| ExtendedFile {
+            logs: untimed(&file.logs),
+            ..*file
+        })
+        .collect();
+    Ok(extended::summary(family, &untimed)?)
+}
+
+/// Compares the summaries of the extended sweeps, where there are any.
+pub(super) fn check_extended(files: &[ExtendedFile]) -> Result<(), GoldenError> {
+    for family in Family::ALL.into_iter().filter(|_| !files.is_empty()) {
+        let path = extended_path(family);
+        let golden = fs::read(&path).map_err(|source| GoldenError::Unreadable { path, source })?;
+        compare(family.folder(), &golden, &extended_summary(family, files)?)?;
+    }
+    Ok(())
+}
+
+/// Replaces the summaries of the extended sweeps.
+pub(super) fn bless_extended(files: &[ExtendedFile]) -> Result<(), GoldenError> {
+    for family in Family::ALL.into_iter().filter(|_| !files.is_empty()) {
+        output::write_whole(&extended_path(family), &extended_summary(family, files)?)?;
     }
     Ok(())
 }

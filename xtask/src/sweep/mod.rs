@@ -2,16 +2,17 @@
 
 mod compute;
 mod dataset;
+mod extended;
 mod golden;
 mod manifest;
 mod pictures;
 mod summary;
 mod tracks;
 
-use crate::output::{self, OutputError};
 use crate::say;
 use clap::ValueEnum;
 use compute::{ComputedFigure, FigureFile};
+use needle_sim::output::{self, OutputError};
 use needle_sim::published::Figure;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -56,6 +57,11 @@ pub(crate) enum SweepError {
         run: String,
         source: needle_sim::published::PublishedError,
     },
+    #[error("run {run} cannot be computed")]
+    Extended {
+        run: String,
+        source: Box<extended::ExtendedError>,
+    },
     #[error(transparent)]
     Output(#[from] OutputError),
     #[error(transparent)]
@@ -81,14 +87,21 @@ pub(crate) fn run(args: &Args) -> Result<(), SweepError> {
         .map(FigureFile)
         .filter(|file| args.only.is_none_or(|only| file.experiment() == only))
         .collect();
+    // The families stand in no figure of the paper alone.
+    let extended = match args.only {
+        None => extended::compute()?,
+        Some(_) => Vec::new(),
+    };
     if args.check {
         golden::check(&compute::figures(&files, 1)?)?;
+        golden::check_extended(&extended)?;
         say(&format!(
             "{} data files agree with the golden data",
-            files.len()
+            files.len() + extended.len()
         ));
     } else if args.bless {
         golden::bless(&compute::figures(&files, 1)?)?;
+        golden::bless_extended(&extended)?;
     } else {
         let out = args
             .out
@@ -96,6 +109,9 @@ pub(crate) fn run(args: &Args) -> Result<(), SweepError> {
             .unwrap_or_else(|| repository().join("out/sweep"));
         output::make_folder(&out)?;
         output::make_folder(&out.join("published"))?;
+        if !extended.is_empty() {
+            extended::write(&out, &extended)?;
+        }
         write(&out, &compute::figures(&files, REPETITIONS)?, start)?;
         say(&format!(
             "wrote {} in {:.1} s",

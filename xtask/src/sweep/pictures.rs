@@ -64,6 +64,15 @@ fn layout(figure: Figure) -> (&'static str, &'static [&'static [Panel]]) {
 /// The picture of a figure, as the text of an SVG file.
 pub(super) fn draw(figure: &ComputedFigure) -> Result<String, PictureError> {
     let (title, columns) = layout(figure.file.0);
+    panels(title, columns, &figure.logs)
+}
+
+/// Positions over time of any runs, the reference first.
+pub(super) fn positions(title: &str, logs: &[RunLog]) -> Result<String, PictureError> {
+    panels(title, &[&[X, Y, Z]], logs)
+}
+
+fn panels(title: &str, columns: &[&[Panel]], logs: &[RunLog]) -> Result<String, PictureError> {
     let rows = columns.iter().map(|column| column.len()).max().unwrap_or(0);
     let size = (
         PANEL_SIZE_PX.0 * columns.len() as u32,
@@ -78,7 +87,7 @@ pub(super) fn draw(figure: &ComputedFigure) -> Result<String, PictureError> {
             .split_evenly((rows, columns.len()));
         for (i, area) in panels.iter().enumerate() {
             if let Some(panel) = columns[i % columns.len()].get(i / columns.len()) {
-                draw_panel(area, panel, &figure.logs)?;
+                draw_panel(area, panel, logs)?;
             }
         }
         root.present()?;

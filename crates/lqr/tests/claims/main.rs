@@ -5,6 +5,7 @@
 
 mod certificates;
 mod darex;
+mod darex_data;
 mod riccati_properties;
 mod riccati_refusals;
 mod systems;

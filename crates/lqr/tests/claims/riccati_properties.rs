@@ -2,33 +2,69 @@
 
 use crate::systems::{Source, System, closed_loop, norm, textbook_residual, value_iteration};
 use faer::{Mat, Side};
-use lqr::{BackwardChain, DareError, NearLoss, PeriodicSolution, Stage, spectral_radius};
+use lqr::{
+    BackwardChain, DareError, DareSolution, NearLoss, PeriodicSolution, Stage, spectral_radius,
+};
 use proptest::prelude::*;
 
 fn sizes() -> impl Strategy<Value = (usize, usize, f64, u64)> {
-    let any_size = (1..=12_usize, 1..=4_usize, 0.1..3.0_f64, any::<u64>());
-    any_size.prop_filter(
-        "one input against many unstable modes has a claim of its own",
-        |&(n, m, radius, _)| !(m == 1 && n >= 10 && radius > 2.0),
-    )
+    (1..=12_usize, 1..=4_usize, 0.1..3.0_f64, any::<u64>())
 }
 
-/// Cancellation can leave no digit here: about one in some hundred of these systems is refused (README, limits).
+/// Cancellation leaves no digit of a double here: these are solved in extended precision.
 #[test]
-fn many_unstable_modes_on_one_input_are_solved_or_refused_as_not_converged() {
-    let mut refused = 0;
+fn many_unstable_modes_on_one_input_are_solved() {
     for seed in 0..200 {
-        let (n, radius) = (10 + seed as usize % 3, 2.0 + 0.005 * seed as f64);
+        let (n, radius) = (10 + seed as usize % 3, 2.0 + 0.02 * seed as f64);
         let system = System::random(&mut Source(seed), n, 1, radius, 2.0);
-        match system.dare().solve() {
+        let solution = system.dare().solve().unwrap();
+        // P has a condition of 1e12: its own rounding, moved by A_K, leaves up to 1e-7 (5,000 others: 2e-7).
+        assert!(solution.relative_residual < 1e-6, "seed {seed}");
+        let found = spectral_radius(closed_loop(&system, &solution).as_ref()).unwrap();
+        assert!(found < 1.0 && solution.spectral_radius < 1.0, "seed {seed}");
+    }
+}
+
+/// 100 systems in coordinates of condition 10^`digits`, solved or not.
+fn skewed_outcomes(digits: f64) -> Vec<(System, Result<DareSolution, DareError>)> {
+    let outcome = |seed| {
+        let mut source = Source(seed);
+        let (n, m) = (
+            1 + (source.uniform() * 12.0) as usize,
+            1 + (source.uniform() * 4.0) as usize,
+        );
+        let radius = 0.1 + 2.9 * source.uniform();
+        let system = System::skewed(&mut source, n, m, radius, digits);
+        let found = system.dare().solve();
+        (system, found)
+    };
+    (0..100).map(outcome).collect()
+}
+
+#[test]
+fn coordinates_of_condition_1e4_are_all_solved() {
+    for (_, found) in skewed_outcomes(4.0) {
+        // Rounding of P times |A_K|^2: eps times 1e8, and a dozen states.
+        assert!(found.unwrap().relative_residual < 1e-6);
+    }
+}
+
+#[test]
+fn coordinates_of_condition_1e6_are_solved_wherever_rounding_does_not_decide() {
+    let mut solved = 0;
+    for (system, found) in skewed_outcomes(6.0) {
+        match found {
             Ok(solution) => {
-                assert!(solution.spectral_radius < 1.0 && solution.relative_residual < 1e-8);
+                solved += 1;
+                let radius = spectral_radius(closed_loop(&system, &solution).as_ref()).unwrap();
+                assert!(radius < 1.0 && solution.spectral_radius < 1.0);
             }
-            Err(DareError::NoConvergence { .. }) => refused += 1,
-            Err(other) => panic!("seed {seed}: {other}"),
+            Err(DareError::Undecided { .. } | DareError::IllConditioned { .. }) => {}
+            Err(other) => panic!("{other}"),
         }
     }
-    assert!(refused <= 10, "{refused} of 200 refused");
+    // 97 to 98 of a hundred in five times as many.
+    assert!(solved >= 94, "{solved} of 100 solved");
 }
 
 fn stage(system: &System) -> Stage<'_> {
@@ -77,11 +113,15 @@ proptest! {
     #[test]
     fn skewed_coordinates_are_solved_or_refused_and_never_wrong((n, m, radius, seed) in sizes(), digits in 0.0..8.0_f64) {
         let system = System::skewed(&mut Source(seed), n, m, radius, digits);
-        if let Ok(solution) = system.dare().solve() {
-            prop_assert!(solution.relative_residual <= 1e-8);
-            prop_assert!(solution.spectral_radius < 1.0);
-            prop_assert!(solution.relative_residual < 1e-11
-                || solution.warning.is_some_and(|w| w.losses.contains(&NearLoss::Residual)));
+        match system.dare().solve() {
+            Ok(solution) => {
+                prop_assert!(solution.spectral_radius < 1.0);
+                prop_assert!(solution.relative_residual < 1e-11
+                    || solution.warning.is_some_and(|w| w.losses.contains(&NearLoss::Residual)));
+            }
+            // The system *is* stabilisable.
+            Err(DareError::NotStabilisable { mode }) => prop_assert!(false, "{mode}"),
+            Err(_) => {}
         }
     }
 }

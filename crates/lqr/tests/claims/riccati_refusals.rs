@@ -62,19 +62,21 @@ proptest! {
         let (q, r) = if shape < 3 { (q, r) } else { (mirror(&q), mirror(&r)) };
         if let Ok(solution) = solve(&a, &b, &q, &r) {
             prop_assert!(solution.p.is_all_finite() && solution.k.is_all_finite());
-            prop_assert!(solution.spectral_radius < 1.0 && solution.relative_residual <= 1e-8);
+            prop_assert!(solution.spectral_radius < 1.0);
+            prop_assert!(solution.relative_residual <= 1e-11
+                || solution.warning.is_some_and(|w| w.losses.contains(&NearLoss::Residual)));
         }
     }
 }
 
 #[test]
 fn doubtful_pairs_are_refused_as_doubtful() {
-    // Stabilisable pairs seen through coordinates of condition 1e6, where no rounding can make them otherwise.
+    // Stabilisable pairs seen through coordinates of condition 1e8, where rounding can make them otherwise.
     let mut doubtful = 0;
     for seed in 0..200 {
         let mut source = Source(seed);
         let n = 2 + (source.uniform() * 10.0) as usize;
-        let system = System::skewed(&mut source, n, 1, 2.5, 6.0);
+        let system = System::skewed(&mut source, n, 1, 2.5, 8.0);
         match system.dare().solve() {
             Err(DareError::NotStabilisable { mode }) => panic!("not stabilisable: {mode}"),
             Err(DareError::Undecided { mode }) => {

@@ -16,7 +16,9 @@ use crate::controller::{
 use crate::follower::Follower;
 use crate::program::structured;
 use crate::survival::{Guard, Sample};
-use crate::terminal::{ALL_COORDINATES, Chosen, DEPTH_AND_ROLL, Ingredients, TerminalChoice};
+use crate::terminal::{
+    ALL_COORDINATES, Chosen, DEPTH_AND_ROLL, Ingredients, TerminalChoice, TerminalRegion,
+};
 use crate::tracking::Tracker;
 use lqr::Certificate;
 use mpc_qp::{ConstraintGroup, OcpQp, OcpSolver, SolveError, StructuredSolver};
@@ -191,6 +193,13 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
     #[must_use]
     pub fn certificate(&self) -> Option<&Certificate> {
         self.ingredients.certificate.as_ref()
+    }
+
+    /// Where the terminal set of the last step wants the tip at the horizon's end; `None` without a set.
+    #[must_use]
+    pub fn terminal_region(&self) -> Option<TerminalRegion> {
+        let tracker = &self.follower.tracker;
+        TerminalRegion::at_horizon_end(tracker, &self.ingredients, self.coordinates)
     }
 
     /// Optimal cost V_N of the last step that was solved, in the units of the weights; NaN before.

@@ -25,7 +25,7 @@ use crate::controller::{
 use crate::follower::Follower;
 use crate::program::structured;
 use crate::survival::{Guard, Sample};
-use crate::terminal::{Chosen, TerminalChoice};
+use crate::terminal::{ALL_COORDINATES, Chosen, TerminalChoice, TerminalRegion};
 use crate::tracking::Tracker;
 use lqr::Certificate;
 use mpc_qp::{ConstraintGroup, OcpQp, OcpSolver, SolveError, StructuredSolver};
@@ -126,6 +126,13 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
     #[must_use]
     pub fn certificate(&self) -> Option<&Certificate> {
         self.chosen.ingredients.certificate.as_ref()
+    }
+
+    /// Where the terminal set of the last step wants the tip at the horizon's end; `None` without a set.
+    #[must_use]
+    pub fn terminal_region(&self) -> Option<TerminalRegion> {
+        let tracker = &self.follower.tracker;
+        TerminalRegion::at_horizon_end(tracker, &self.chosen.ingredients, ALL_COORDINATES)
     }
 
     /// Cost V_N of the present plan, in the units of the weights.

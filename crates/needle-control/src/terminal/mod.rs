@@ -7,9 +7,11 @@
 mod ingredients;
 mod pair;
 mod problem;
+mod region;
 
 pub(crate) use ingredients::{End, Ingredients};
 pub(crate) use problem::{ALL_COORDINATES, Chosen, DEPTH_AND_ROLL, TerminalProblem};
+pub use region::TerminalRegion;
 
 use lqr::{ChainClaimError, ChainError, ConstraintError, DareError, InputError, TerminalSetError};
 use needle_model::{ControllabilityError, ControllabilityReport, StepError};

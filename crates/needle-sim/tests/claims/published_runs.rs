@@ -1,8 +1,5 @@
 //! The replication against the authors' recorded runs (positions in the paper's units, nine digits, in `recorded/`).
 
-// What a test's own functions cannot unwrap fails the test.
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use needle_sim::published::{
     BevelSettings, Figure, PublishedError, StraightSettings, bevel_reference, figure_runs,
     run_bevel, run_straight, straight_reference,
@@ -63,8 +60,14 @@ fn largest_difference_mm(one: &RunLog, other: &RunLog) -> f64 {
 #[test]
 fn bevel_reference_is_the_recorded_one() {
     let reference = bevel_reference();
-    assert!(largest_gap_cm(&reference, include_str!("recorded/reference_path.csv"), 61) < 1e-8);
-    let speeds = recorded(include_str!("recorded/reference_path.csv"));
+    assert!(
+        largest_gap_cm(
+            &reference,
+            include_str!("../recorded/reference_path.csv"),
+            61
+        ) < 1e-8
+    );
+    let speeds = recorded(include_str!("../recorded/reference_path.csv"));
     for (step, numbers) in speeds.into_iter().skip(1) {
         assert!((reference.rows[step].v_mm_s.unwrap() / 1000.0 - numbers[3]).abs() < 1e-9);
     }
@@ -72,7 +75,7 @@ fn bevel_reference_is_the_recorded_one() {
 
 #[test]
 fn straight_reference_is_the_recorded_one() {
-    let rows = recorded(include_str!("recorded/straight_needle_reference.csv"));
+    let rows = recorded(include_str!("../recorded/straight_needle_reference.csv"));
     let reference = straight_reference();
     assert_eq!((rows.len(), reference.rows.len()), (100, 101));
     for (step, numbers) in rows {
@@ -87,7 +90,7 @@ fn straight_reference_is_the_recorded_one() {
 fn our_qr_is_within_2e_5_cm_of_the_recorded_run() {
     let gap = largest_gap_cm(
         &bevel([100.0, 10.0]),
-        include_str!("recorded/ourQR.csv"),
+        include_str!("../recorded/ourQR.csv"),
         71,
     );
     assert!(gap < 2e-5, "{gap:e} cm");
@@ -95,13 +98,13 @@ fn our_qr_is_within_2e_5_cm_of_the_recorded_run() {
 
 #[test]
 fn r1_is_within_6e_4_cm_of_the_recorded_run() {
-    let gap = largest_gap_cm(&bevel([1.0; 2]), include_str!("recorded/R1.csv"), 71);
+    let gap = largest_gap_cm(&bevel([1.0; 2]), include_str!("../recorded/R1.csv"), 71);
     assert!(gap < 6e-4, "{gap:e} cm");
 }
 
 #[test]
 fn n8_is_within_2e_5_cm_of_the_recorded_run() {
-    let gap = largest_gap_cm(&bevel([100.0; 2]), include_str!("recorded/N8.csv"), 71);
+    let gap = largest_gap_cm(&bevel([100.0; 2]), include_str!("../recorded/N8.csv"), 71);
     assert!(gap < 2e-5, "{gap:e} cm");
 }
 
@@ -112,7 +115,7 @@ fn straight_gaps(tolerance: f64) -> [f64; 2] {
         ..StraightSettings::default()
     };
     let log = run_straight("straight", &settings).unwrap();
-    let rows = recorded(include_str!("recorded/straight_needle_tip.csv"));
+    let rows = recorded(include_str!("../recorded/straight_needle_tip.csv"));
     assert_eq!(rows.len(), 101);
     rows.iter().fold([0.0, 0.0], |[z, gamma], (step, numbers)| {
         let row = &log.rows[*step];

@@ -1,8 +1,5 @@
 //! The paper's claims about its figures, against the replication. `docs/replication.md` tells the story.
 
-// What a test's own functions cannot unwrap fails the test.
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use needle_sim::published::{BevelSettings, bevel_reference, run_bevel};
 use needle_sim::{LogRow, RunLog};
 

@@ -7,15 +7,30 @@ use tempfile::NamedTempFile;
 
 /// Why a file or folder could not be written.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum OutputError {
-    #[error("cannot write to the folder {path}")]
-    Folder { path: PathBuf, source: io::Error },
-    #[error("cannot write {path}")]
-    File { path: PathBuf, source: io::Error },
+pub enum OutputError {
+    /// The folder cannot be made, or takes no files.
+    #[error("cannot write to the folder {}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file cannot be written.
+    #[error("cannot write {}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
 }
 
 /// Makes `path` and its parents, and finds out whether files can be made there.
-pub(crate) fn make_folder(path: &Path) -> Result<(), OutputError> {
+///
+/// # Errors
+/// [`OutputError::Folder`].
+pub fn make_folder(path: &Path) -> Result<(), OutputError> {
     fs::create_dir_all(path)
         .and_then(|()| NamedTempFile::new_in(path).map_err(|error| error.kind().into()))
         .map(drop)
@@ -26,9 +41,16 @@ pub(crate) fn make_folder(path: &Path) -> Result<(), OutputError> {
 }
 
 /// Writes `contents` beside `path` and moves it there: a reader, a full disk or an interrupt never meets half a file.
-pub(crate) fn write_whole(path: &Path, contents: &[u8]) -> Result<(), OutputError> {
+///
+/// # Errors
+/// [`OutputError::File`]; the file is then as it was.
+pub fn write_whole(path: &Path, contents: &[u8]) -> Result<(), OutputError> {
     let written = (|| {
-        let folder = path.parent().unwrap_or(Path::new("."));
+        // The parent of a bare name is empty.
+        let folder = path
+            .parent()
+            .filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new("."));
         let mut file = NamedTempFile::new_in(folder)?;
         file.write_all(contents)?;
         file.as_file().sync_all()?;
@@ -45,14 +67,14 @@ pub(crate) fn write_whole(path: &Path, contents: &[u8]) -> Result<(), OutputErro
 
 /// A temporary file is private to its owner; data files are for everyone.
 #[cfg(unix)]
-fn make_readable(file: &NamedTempFile) -> io::Result<()> {
+pub(crate) fn make_readable(file: &NamedTempFile) -> io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
     file.as_file()
         .set_permissions(fs::Permissions::from_mode(0o644))
 }
 
 #[cfg(not(unix))]
-fn make_readable(_: &NamedTempFile) -> io::Result<()> {
+pub(crate) fn make_readable(_: &NamedTempFile) -> io::Result<()> {
     Ok(())
 }
 

@@ -1,0 +1,261 @@
+//! Judges the candidates for a Riccati solution: accepted with its warnings, or refused by the name of a mode.
+
+use crate::dare::{Conditioning, DareSolution, NearLoss};
+use crate::dare_error::DareError;
+use crate::dense::{cholesky, cholesky_solve, identity, norm, norm_one};
+use crate::extended_solution::{Extended, extended_residual, extended_solution};
+use crate::fixed_size::{by_states, inverse_norm_one};
+use crate::hautus::{self, Stabilisability, UncontrollableMode};
+use crate::proved_measure::{WEAK, proved_measure};
+use crate::riccati::{Balanced, Problem};
+use crate::routes::{ACCEPTED_RESIDUAL, Attempt, Route};
+use faer::Mat;
+
+/// A closed loop with a larger spectral radius is slow.
+const SLOW: f64 = 0.999;
+/// A residual above this has lost digits.
+const LOST_DIGITS: f64 = 1e-11;
+
+/// The solution by ordinary arithmetic.
+pub(crate) fn in_doubles(
+    problem: &Problem,
+    balanced: &Balanced,
+) -> Result<DareSolution, DareError> {
+    let mut best: Option<Attempt> = None;
+    for route in [Route::Doubling, Route::ShiftedDoubling, Route::Regularised] {
+        for attempt in route.attempts(&balanced.problem) {
+            if attempt.is_stabilising() {
+                return accept(problem, balanced, attempt);
+            }
+            if best
+                .as_ref()
+                .is_none_or(|best| attempt.is_better_than(best))
+            {
+                best = Some(attempt);
+            }
+        }
+    }
+    Err(diagnose(balanced, best.as_ref()))
+}
+
+/// Whether rounding, not the data, may be to blame for the outcome.
+pub(crate) fn calls_for_more_digits(found: &Result<DareSolution, DareError>) -> bool {
+    match found {
+        Ok(solution) => solution.relative_residual > LOST_DIGITS,
+        Err(error) => matches!(
+            error,
+            DareError::NoConvergence { .. }
+                | DareError::Undecided { .. }
+                | DareError::SingularInputHessian
+        ),
+    }
+}
+
+/// The solution by double-double arithmetic, where the data decide that there is one; else `found` as it was, or why they do not.
+pub(crate) fn in_extended_precision(
+    problem: &Problem,
+    balanced: &Balanced,
+    found: Result<DareSolution, DareError>,
+) -> Result<DareSolution, DareError> {
+    let (p, k, spectral_radius, iterations) = match extended_solution(&balanced.problem) {
+        Extended::Decided {
+            p,
+            k,
+            spectral_radius,
+            iterations,
+        } => (p, k, spectral_radius, iterations),
+        Extended::Undecided { sensitivity } => {
+            return match found {
+                Err(DareError::NoConvergence { .. }) => {
+                    Err(DareError::IllConditioned { sensitivity })
+                }
+                other => other,
+            };
+        }
+        Extended::NotFound => return found,
+    };
+    let p = balanced.restore(&p);
+    let Some(relative_residual) = extended_residual(problem, &p) else {
+        return found;
+    };
+    // Doubles may have come as close: then their answer stands, with the same P up to rounding.
+    if let Ok(solution) = &found
+        && solution.relative_residual <= relative_residual
+    {
+        return found;
+    }
+    let weakest_mode = hautus::unreached_modes(&balanced.problem.a, &balanced.problem.b)
+        .ok()
+        .and_then(|found| found.weakest);
+    let solution = DareSolution {
+        condition: condition(&p),
+        p,
+        k: balanced.restore_gain(&k),
+        spectral_radius,
+        relative_residual,
+        iterations,
+        warning: None,
+    };
+    Ok(with_warning(solution, weakest_mode))
+}
+
+/// Says what is nearly lost.
+fn with_warning(
+    mut solution: DareSolution,
+    weakest_mode: Option<UncontrollableMode>,
+) -> DareSolution {
+    let weak = weakest_mode
+        .as_ref()
+        .is_some_and(|mode| mode.measure < WEAK);
+    let losses: Vec<NearLoss> = [
+        (solution.spectral_radius > SLOW, NearLoss::SlowClosedLoop),
+        (weak, NearLoss::WeakInput),
+        // Written so that NaN counts as well.
+        (!(solution.condition < 1e7), NearLoss::IllConditionedP),
+        (solution.relative_residual > LOST_DIGITS, NearLoss::Residual),
+    ]
+    .into_iter()
+    .filter_map(|(lost, loss)| lost.then_some(loss))
+    .collect();
+    solution.warning = (!losses.is_empty()).then_some(Conditioning {
+        losses,
+        weakest_mode,
+    });
+    solution
+}
+
+fn accept(
+    problem: &Problem,
+    balanced: &Balanced,
+    attempt: Attempt,
+) -> Result<DareSolution, DareError> {
+    let Attempt {
+        candidate,
+        spectral_radius,
+        iterations,
+    } = attempt;
+    let (p, residual) = (
+        balanced.restore(&candidate.p),
+        balanced.restore(&candidate.residual),
+    );
+    // The routes judge in balanced coordinates; what is reported and promised is the caller's. Powers of two change no digit.
+    let size = norm(&residual);
+    let relative_residual = if size == 0.0 {
+        0.0
+    } else {
+        size / norm(&p).max(norm(&problem.q))
+    };
+    if !(relative_residual <= ACCEPTED_RESIDUAL) {
+        return Err(DareError::NoConvergence {
+            relative_residual,
+            spectral_radius,
+        });
+    }
+    if spectral_radius > SLOW {
+        refuse_unseen(&balanced.problem)?;
+    }
+    let mut weakest_mode = None;
+    let proved = proved_measure(&balanced.problem, &candidate);
+    if proved < WEAK {
+        let found = hautus::unreached_modes(&balanced.problem.a, &balanced.problem.b)
+            .map_err(DareError::Spectrum)?;
+        // A bound above rounding is a proof, and overrules a doubt.
+        let doubtful = proved < 16.0 * problem.states() as f64 * f64::EPSILON;
+        if !found.unreached.is_empty() || doubtful {
+            refuse_unreached(&found, balanced)?;
+        }
+        weakest_mode = found.weakest;
+    }
+    let solution = DareSolution {
+        condition: condition(&p),
+        p,
+        k: balanced.restore_gain(&candidate.k),
+        spectral_radius,
+        relative_residual,
+        iterations,
+        warning: None,
+    };
+    Ok(with_warning(solution, weakest_mode))
+}
+
+fn refuse_unseen(problem: &Problem) -> Result<(), DareError> {
+    let Some(map) = problem.stage_map() else {
+        return Ok(());
+    };
+    let modes = hautus::unseen_modes(&map.a, &map.h).map_err(DareError::Spectrum)?;
+    match modes.into_iter().next() {
+        Some(mode) => Err(DareError::UnobservableOnCircle { mode }),
+        None => Ok(()),
+    }
+}
+
+fn refuse_unreached(found: &Stabilisability, balanced: &Balanced) -> Result<(), DareError> {
+    let named = |mode: &UncontrollableMode| in_original_coordinates(mode.clone(), balanced);
+    if let Some(mode) = found.unreached.first() {
+        return Err(DareError::NotStabilisable { mode: named(mode) });
+    }
+    match found.undecided.first() {
+        Some(mode) => Err(DareError::Undecided { mode: named(mode) }),
+        None => Ok(()),
+    }
+}
+
+/// Names what is wrong where no route led to a stabilising solution.
+fn diagnose(balanced: &Balanced, best: Option<&Attempt>) -> DareError {
+    let problem = &balanced.problem;
+    match hautus::unreached_modes(&problem.a, &problem.b) {
+        Err(error) => return DareError::Spectrum(error),
+        Ok(found) => {
+            if let Err(error) = refuse_unreached(&found, balanced) {
+                return error;
+            }
+        }
+    }
+    if let Err(error) = refuse_unseen(problem) {
+        return error;
+    }
+    match best {
+        Some(attempt) => DareError::NoConvergence {
+            relative_residual: attempt.candidate.relative_residual,
+            spectral_radius: attempt.spectral_radius,
+        },
+        None if cholesky(&problem.r).is_none() && cholesky(&problem.shifted().r).is_none() => {
+            DareError::SingularInputHessian
+        }
+        None => DareError::NoConvergence {
+            relative_residual: f64::INFINITY,
+            spectral_radius: f64::INFINITY,
+        },
+    }
+}
+
+/// w for z = T^-1 x becomes T^-1 w for x, of unit length.
+fn in_original_coordinates(
+    mut mode: UncontrollableMode,
+    balanced: &Balanced,
+) -> UncontrollableMode {
+    for (w, t) in mode.left_eigenvector.iter_mut().zip(&balanced.state_scale) {
+        *w *= 1.0 / t;
+    }
+    let length = mode
+        .left_eigenvector
+        .iter()
+        .map(|w| w.re * w.re + w.im * w.im)
+        .sum::<f64>()
+        .sqrt();
+    for w in &mut mode.left_eigenvector {
+        *w *= 1.0 / length;
+    }
+    mode
+}
+
+/// Condition number in the one-norm.
+fn condition(p: &Mat<f64>) -> f64 {
+    if let Some(inverse) = by_states!(p.nrows(), inverse_norm_one(p)) {
+        return norm_one(p) * inverse;
+    }
+    match cholesky(p) {
+        Some(l) => norm_one(p) * norm_one(&cholesky_solve(&l, identity(p.nrows()))),
+        None => f64::INFINITY,
+    }
+}

@@ -1,0 +1,149 @@
+//! The controllers that a scenario can name, as one type that is made once and cloned for each run.
+
+use crate::scenario::{ControllerChoice, Patience, Scenario};
+use lqr::Certificate;
+use needle_control::{
+    BaselineError, BaselineSettings, ConfigurationError, Controller, DutyCycledSteering,
+    FeedForward, LawController, LinearConfiguration, LtvController, NmpcConfiguration,
+    NmpcController, SlidingMode, SteeringPid, StraightController, TerminalChoice, TerminalRegion,
+    TimeVaryingLqr,
+};
+use needle_model::{Needle, ReferencePath};
+
+/// Why a scenario has no controller.
+#[derive(Debug, thiserror::Error)]
+pub enum ControllerError {
+    /// A predictive controller.
+    #[error(transparent)]
+    Predictive(#[from] ConfigurationError),
+    /// An explicit law.
+    #[error(transparent)]
+    Explicit(#[from] BaselineError),
+}
+
+/// A controller by name.
+#[derive(Debug, Clone)]
+pub(crate) enum Steering {
+    Nmpc(Box<NmpcController>),
+    Ltv(Box<LtvController>),
+    Straight(Box<StraightController>),
+    Pid(Box<LawController<SteeringPid>>),
+    Lqr(Box<LawController<TimeVaryingLqr>>),
+    SlidingMode(Box<LawController<SlidingMode>>),
+    DutyCycled(Box<LawController<DutyCycledSteering>>),
+    FeedForward(Box<FeedForward>),
+}
+
+impl Steering {
+    /// The controller at the start of `path`.
+    pub(crate) fn new(
+        scenario: &Scenario,
+        needle: Needle,
+        path: ReferencePath,
+    ) -> Result<Self, ControllerError> {
+        let settings = |patience: &Patience| BaselineSettings {
+            limits: scenario.limits,
+            dt_s: scenario.dt_s,
+            patience_s: patience.patience_s,
+            jump_mm: patience.jump_mm,
+        };
+        let linear = |configuration: &LinearConfiguration| LinearConfiguration {
+            dt_s: scenario.dt_s,
+            limits: scenario.limits,
+            ..configuration.clone()
+        };
+        Ok(match &scenario.controller {
+            ControllerChoice::Nmpc(configuration) => {
+                let configuration = NmpcConfiguration {
+                    dt_s: scenario.dt_s,
+                    limits: scenario.limits,
+                    ..configuration.clone()
+                };
+                Self::Nmpc(Box::new(NmpcController::new(needle, path, configuration)?))
+            }
+            ControllerChoice::Ltv(configuration) => Self::Ltv(Box::new(LtvController::new(
+                needle,
+                path,
+                linear(configuration),
+            )?)),
+            ControllerChoice::Straight(configuration) => Self::Straight(Box::new(
+                StraightController::new(needle, path, linear(configuration))?,
+            )),
+            ControllerChoice::Pid(patience, gains) => {
+                let law = SteeringPid::new(*gains)?;
+                Self::Pid(Box::new(LawController::new(
+                    path,
+                    needle,
+                    law,
+                    settings(patience),
+                )?))
+            }
+            ControllerChoice::Lqr(patience, weights) => {
+                let law = TimeVaryingLqr::new(&path, needle, *weights)?;
+                Self::Lqr(Box::new(LawController::new(
+                    path,
+                    needle,
+                    law,
+                    settings(patience),
+                )?))
+            }
+            ControllerChoice::SlidingMode(patience, gains) => {
+                let law = SlidingMode::new(*gains)?;
+                let controller = LawController::new(path, needle, law, settings(patience))?;
+                Self::SlidingMode(Box::new(controller))
+            }
+            ControllerChoice::DutyCycled(patience, gains) => {
+                let law = DutyCycledSteering::new(*gains)?;
+                let controller = LawController::new(path, needle, law, settings(patience))?;
+                Self::DutyCycled(Box::new(controller))
+            }
+            ControllerChoice::FeedForward => {
+                let settings = settings(&Patience::default());
+                Self::FeedForward(Box::new(FeedForward::new(path, settings)?))
+            }
+        })
+    }
+
+    pub(crate) fn controller(&mut self) -> &mut dyn Controller {
+        match self {
+            Self::Nmpc(controller) => controller.as_mut(),
+            Self::Ltv(controller) => controller.as_mut(),
+            Self::Straight(controller) => controller.as_mut(),
+            Self::Pid(controller) => controller.as_mut(),
+            Self::Lqr(controller) => controller.as_mut(),
+            Self::SlidingMode(controller) => controller.as_mut(),
+            Self::DutyCycled(controller) => controller.as_mut(),
+            Self::FeedForward(controller) => controller.as_mut(),
+        }
+    }
+
+    /// Where its terminal set wants the tip at the horizon's end.
+    pub(crate) fn terminal_region(&self) -> Option<TerminalRegion> {
+        match self {
+            Self::Nmpc(controller) => controller.terminal_region(),
+            Self::Ltv(controller) => controller.terminal_region(),
+            Self::Straight(controller) => controller.terminal_region(),
+            _ => None,
+        }
+    }
+
+    /// Terminal cost and set in force.
+    pub(crate) fn terminal(&self) -> Option<TerminalChoice> {
+        match self {
+            Self::Nmpc(controller) => Some(controller.terminal()),
+            Self::Ltv(controller) => Some(controller.terminal()),
+            Self::Straight(controller) => Some(controller.terminal()),
+            _ => None,
+        }
+    }
+
+    /// What is claimed of its terminal ingredients.
+    pub(crate) fn certificate(&self) -> Option<&Certificate> {
+        match self {
+            Self::Nmpc(controller) => controller.certificate(),
+            Self::Ltv(controller) => controller.certificate(),
+            Self::Straight(controller) => controller.certificate(),
+            _ => None,
+        }
+    }
+}
