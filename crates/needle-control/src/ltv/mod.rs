@@ -95,7 +95,7 @@ impl StraightController {
     /// A controller of a straight needle (`curvature_per_mm` of zero) at the start of `path`, on the structured solver.
     ///
     /// # Errors
-    /// As [`LtvController::new`], and [`TerminalError::Bent`].
+    /// As [`LtvController::new`], and [`TerminalError::Bent`](crate::TerminalError::Bent).
     pub fn new(
         needle: Needle,
         path: ReferencePath,
