@@ -121,12 +121,17 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
             return Ok(());
         }
         self.cost_scale = cost_scale(problem);
+        self.write(problem, self.cost_scale)
+    }
+
+    /// Writes the values, the cost multiplied by `cost_scale`, and hands them over.
+    fn write(&mut self, problem: &OcpQp<NX, NU>, cost_scale: f64) -> Result<(), SolveError> {
         let mut values = Values::new(
             &mut self.cost,
             &mut self.constraints,
             &mut self.linear,
             &mut self.right,
-            self.cost_scale,
+            cost_scale,
         );
         assemble(problem, &self.layout, &mut values);
         // Clarabel reads an empty update as "no change": a matrix without entries is passed over.
@@ -159,6 +164,8 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for ClarabelSolver<NX, 
             && in_time
         {
             self.run_again(problem, gap, solution)?;
+        } else if in_time && self.unproved(solution.status) {
+            self.run_without_cost(problem, solution)?;
         }
         solution.time = clock.elapsed();
         solution.status = self.graded(solution);
@@ -203,6 +210,34 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         Ok(())
     }
 
+    /// Whether the solve broke down, or ended with a ray that proves less than it might.
+    fn unproved(&self, status: SolveStatus) -> bool {
+        match status {
+            SolveStatus::PrimalInfeasible { certificate, .. } => {
+                certificate.residual > ACCURATE * self.settings.tolerance
+            }
+            status => status == SolveStatus::NumericalTrouble,
+        }
+    }
+
+    /// A pass with zero cost: whether the constraints contradict each other does not depend on the cost, and without it
+    /// Clarabel measures the ray against nothing but the ray. The better proof is kept.
+    fn run_without_cost(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        solution: &mut Solution<NX, NU>,
+    ) -> Result<(), SolveError> {
+        let first = solution.clone();
+        self.write(problem, 0.0)?;
+        self.run(problem, solution);
+        let iterations = first.iterations + solution.iterations;
+        if proof_residual(solution.status) >= proof_residual(first.status) {
+            *solution = first;
+        }
+        solution.iterations = iterations;
+        Ok(())
+    }
+
     fn set_gap_tolerance(&mut self, tolerance: f64) -> Result<(), SolveError> {
         let mut settings = clarabel_settings(&self.settings);
         (settings.tol_gap_abs, settings.tol_gap_rel) = (tolerance, tolerance);
@@ -226,6 +261,14 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
             }
             status => status,
         }
+    }
+}
+
+/// Residual of the ray, infinite without one.
+fn proof_residual(status: SolveStatus) -> f64 {
+    match status {
+        SolveStatus::PrimalInfeasible { certificate, .. } => certificate.residual,
+        _ => f64::INFINITY,
     }
 }
 

@@ -13,6 +13,12 @@ const MOST_LABELS: usize = 24;
 /// Characters of a label at the axis; the table has it whole.
 const LONGEST_LABEL: usize = 24;
 
+/// A figure of a distribution.
+type EstimateOf = fn(&Spread) -> Estimate;
+
+/// A cause of samples that no optimal plan or law answered.
+type CauseOf = fn(&CellSummary) -> Cause;
+
 const KEY_OF_CONTROLLER: &str = "controller.name";
 
 /// A row of the figure of spreads.
