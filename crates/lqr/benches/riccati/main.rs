@@ -9,7 +9,10 @@ use lqr::{
     BackwardChain, Constraints, Dare, Ellipsoid, Stage, TerminalClaim, largest_volume_ellipsoid,
     spectral_radius,
 };
+use plain_doubling::{Square, plain_doubling};
 use std::hint::black_box;
+
+mod plain_doubling;
 
 /// A rotation-like system of n states and 2 inputs, close to the identity as sampled systems are.
 fn system(n: usize) -> (Mat<f64>, Mat<f64>, Mat<f64>, Mat<f64>) {
@@ -24,7 +27,27 @@ fn system(n: usize) -> (Mat<f64>, Mat<f64>, Mat<f64>, Mat<f64>) {
     (a, b, Mat::identity(n, n), Mat::identity(2, 2))
 }
 
+/// The same solution without a check: the ratio to `dare` is what the checks cost.
+fn unchecked<const N: usize>(c: &mut Criterion) {
+    let (a, b, q, r) = system(N);
+    let columns =
+        |w: &Mat<f64>| -> Square<N> { std::array::from_fn(|j| std::array::from_fn(|i| w[(i, j)])) };
+    // R is the identity here.
+    let (a_, g, h) = (columns(&a), columns(&(&b * b.transpose())), columns(&q));
+    let checked = Dare::new(a.as_ref(), b.as_ref(), q.as_ref(), r.as_ref())
+        .solve()
+        .unwrap();
+    let plain = plain_doubling(a_, g, h);
+    let gap = (0..N).map(|j| (plain[j][j] - checked.p[(j, j)]).abs());
+    assert!(gap.fold(0.0, f64::max) < 1e-9 * checked.p.norm_l2());
+    c.bench_function(&format!("plain doubling {N}x2, no checks"), |bench| {
+        bench.iter(|| plain_doubling(black_box(a_), black_box(g), black_box(h)));
+    });
+}
+
 fn riccati(c: &mut Criterion) {
+    unchecked::<6>(c);
+    unchecked::<8>(c);
     for n in [6, 8] {
         let (a, b, q, r) = system(n);
         let dare = Dare::new(a.as_ref(), b.as_ref(), q.as_ref(), r.as_ref());
