@@ -28,11 +28,11 @@ pub struct SolverSettings {
 }
 
 impl Default for SolverSettings {
-    /// 1e-8, 100 iterations, no time limit.
+    /// 1e-8, 1000 iterations, no time limit.
     fn default() -> Self {
         Self {
             tolerance: 1e-8,
-            max_iterations: 100,
+            max_iterations: 1000,
             time_limit: None,
         }
     }

@@ -158,6 +158,78 @@ pub fn projection_onto_disc(
     ))
 }
 
+/// Projection onto an ellipse with half-axes `radius` and `radius / sqrt(condition)`, of a wish at distance 4 on one of its
+/// axes: `x_1 = u`, cost `|u - wish|^2 / 2` (constant dropped). It is projected to the end of that axis, from which the ellipse
+/// recedes on both sides.
+///
+/// # Errors
+/// [`ProblemError::EllipsoidLevel`] for a radius that is not positive and finite.
+pub fn projection_along_an_axis(
+    axis: usize,
+    condition: f64,
+    radius: f64,
+) -> Result<KnownProblem<2, 2>, ProblemError> {
+    let mut wish = Vector2::zeros();
+    wish[axis] = 4.0;
+    let mut stage = Stage::new(Matrix2::zeros(), Matrix2::identity());
+    (stage.r, stage.r_linear) = (Matrix2::identity(), -wish);
+    let mut terminal = Terminal::new(Matrix2::zeros());
+    terminal.set = TerminalSet::Ellipsoid {
+        shape: Matrix2::new(1.0, 0.0, 0.0, condition),
+        center: Vector2::zeros(),
+        level: radius * radius,
+    };
+    let problem = OcpQp::new(Vector2::zeros(), vec![stage], terminal)?;
+    let reach = if axis == 0 {
+        radius
+    } else {
+        radius / condition.sqrt()
+    };
+    Ok(KnownProblem::from_inputs(
+        problem,
+        vec![wish * (reach / 4.0)],
+    ))
+}
+
+/// `x_{k+1} = x_k + u_k` pulled outward with force 1000: every input grows by the allowed 0.1, `u_k = 0.1 (k + 1)`, as long as
+/// `1e-3 u_k` stays below the force.
+///
+/// # Errors
+/// [`ProblemError::EmptyHorizon`].
+pub fn rate_limited_ramp(horizon: usize) -> Result<KnownProblem<1, 1>, ProblemError> {
+    let mut stage = Stage::new(Matrix1::new(1.0), Matrix1::new(1.0));
+    (stage.r[0], stage.du_max[0]) = (1e-3, 0.1);
+    let mut terminal = Terminal::new(Matrix1::zeros());
+    terminal.p_linear[0] = -1000.0;
+    let problem = OcpQp::new(Vector1::zeros(), vec![stage; horizon], terminal)?;
+    let u = (1..=horizon).map(|k| Vector1::new(0.1 * k as f64));
+    Ok(KnownProblem::from_inputs(problem, u.collect()))
+}
+
+/// `x_1 = u`, cost `|u - (3, 4)|^2 / 2` (constant dropped), and a soft unit disc: with growth t the answer is
+/// `(1 + t)(3, 4) / 5`. Exact with weight w: `t = max(4 - w, 0)`. Quadratic: `t = 4 / (1 + w)`.
+///
+/// # Errors
+/// [`ProblemError::PenaltyWeight`].
+pub fn soft_disc_out_of_reach(penalty: Penalty) -> Result<KnownProblem<2, 2>, ProblemError> {
+    let softening = Softening {
+        terminal_set: penalty,
+        ..Softening::default()
+    };
+    let hard = projection_onto_disc(Vector2::new(3.0, 4.0), Vector2::zeros(), 1.0)?;
+    let growth = match penalty {
+        Penalty::Hard => 0.0,
+        Penalty::Exact { weight } => (4.0 - weight).max(0.0),
+        Penalty::Quadratic { weight } => 4.0 / (1.0 + weight),
+    };
+    let length = 1.0 + growth;
+    Ok(KnownProblem {
+        problem: hard.problem.with_softening(softening)?,
+        u: vec![Vector2::new(0.6, 0.8) * length],
+        objective: 0.5 * length * length - 5.0 * length + penalty.cost(growth),
+    })
+}
+
 /// `x_0` on the boundary of the unit disc that is also the terminal set, and a cost that pulls outward: staying is optimal.
 ///
 /// # Errors

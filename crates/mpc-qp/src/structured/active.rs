@@ -19,6 +19,8 @@ pub(super) struct Verdict {
     pub(super) changes: usize,
     /// Largest distance of a held value from its bound.
     pub(super) distance: f64,
+    /// Sum of multiplier times distance over the held values.
+    pub(super) gap: f64,
 }
 
 impl Verdict {
@@ -27,6 +29,7 @@ impl Verdict {
         Self {
             changes: self.changes + other.changes,
             distance: larger(self.distance, other.distance),
+            gap: self.gap + other.gap,
         }
     }
 }
@@ -146,6 +149,7 @@ impl Channel {
             let after = self.v[lane][i] - fixed.target + self.dv[lane][i];
             fixed.y += self.omega * after;
             verdict.distance = larger(verdict.distance, after.abs());
+            verdict.gap += (fixed.y * after).abs();
         }
         for (v, dv) in self.v.iter_mut().zip(&self.dv) {
             for i in 0..4 {
@@ -166,6 +170,7 @@ fn settle_hard<L: Lanes>(
 ) -> Verdict {
     let mut changes = [0.0; 4];
     let mut distance = [0.0; 4];
+    let mut gap = [0.0; 4];
     for (lane, dv) in side.iter_mut().zip(dv) {
         for i in 0..4 {
             let after = lanes.fma1(sign, dv[i], lane.r[i]);
@@ -178,6 +183,7 @@ fn settle_hard<L: Lanes>(
             changes[i] += (next - lane.place[i]).abs();
             lane.place[i] = next;
             lane.z[i] = next * z;
+            gap[i] = lanes.fma1(lane.z[i], after.abs(), gap[i]);
         }
     }
     Verdict {
@@ -186,6 +192,7 @@ fn settle_hard<L: Lanes>(
             larger(distance[0], distance[1]),
             larger(distance[2], distance[3]),
         ),
+        gap: (gap[0] + gap[1]) + (gap[2] + gap[3]),
     }
 }
 
@@ -247,5 +254,6 @@ fn settle_soft(lane: &mut Lane, i: usize, dv: f64, price: Price, omega: f64) -> 
     Verdict {
         changes: usize::from(next != place),
         distance,
+        gap: lane.z[i] * distance,
     }
 }

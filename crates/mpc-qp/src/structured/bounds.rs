@@ -112,15 +112,26 @@ pub(super) fn predict<L: Lanes>(lanes: L, side: &mut [Lane], sign: f64, dv: &[[f
     reduce(ratio, product)
 }
 
-/// Forces of the corrector: complementarity products aim at `target_mu` less the predictor's second-order term.
+/// Forces of the corrector: complementarity products aim at `target_mu` less the predictor's second-order term, or stay what they are
+/// if there is none.
 #[inline(always)]
 pub(super) fn correct<L: Lanes>(
     lanes: L,
     side: &mut [Lane],
     sign: f64,
-    target_mu: f64,
+    target_mu: Option<f64>,
     force: &mut [[f64; 4]],
 ) {
+    let Some(target_mu) = target_mu else {
+        for (lane, force) in side.iter_mut().zip(force) {
+            for i in 0..4 {
+                lane.target[i] = lane.on[i] * lane.z[i];
+                let z = lanes.fma1(lane.w[i], lane.r[i], lane.target[i]);
+                force[i] = lanes.fma1(sign, z, force[i]);
+            }
+        }
+        return;
+    };
     for (lane, force) in side.iter_mut().zip(force) {
         for i in 0..4 {
             let target = lane.on[i] * lanes.fma1(-lane.ds[i], lane.dz[i], target_mu) * lane.inv[i];

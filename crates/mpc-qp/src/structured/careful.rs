@@ -13,6 +13,7 @@ use super::newton::{Newton, at};
 use super::passes::{ConeTerm, Factorise};
 use super::penalty::Penalty;
 use super::solves::SolveAbsolute;
+use super::sweeps::Patience;
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
 
@@ -29,7 +30,10 @@ const ELASTIC_STEPS: usize = 8;
 const LEAST_DECREMENT: f64 = 1e-22;
 
 /// Active-set sweeps tried after an update of the multipliers.
-const POLISH_SWEEPS: usize = 3;
+const POLISH: Patience = Patience {
+    sweeps: 3,
+    wrong: usize::MAX,
+};
 
 /// One Newton step with exact line search; returns the step's squared length in the Hessian's norm.
 struct Descend<'a, const NX: usize, const NU: usize>(&'a mut Newton<NX, NU>, Penalty);
@@ -132,13 +136,14 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
 }
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
-    /// Newton's method; false if the time is up or a number is no longer finite.
+    /// Newton's method; false if a limit is reached or a number is no longer finite.
     fn minimise(&mut self, penalty: Penalty) -> bool {
         let mut before = f64::INFINITY;
         for _ in 0..NEWTON_STEPS {
-            if self.out_of_time() {
+            if self.stopped() {
                 return false;
             }
+            self.iterations += 1;
             let newton = &mut self.newton;
             for channel in newton.channels() {
                 channel.penalise(penalty);
@@ -223,15 +228,12 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
 
     /// Active-set sweeps on the set of the present multipliers; comes back if they do not settle.
     fn polish(&mut self) -> bool {
-        if !self.sweepable() {
-            return false;
-        }
         for channel in self.newton.channels() {
             channel.save();
             channel.guess_from_multipliers();
         }
         let kept = self.newton.cone.clone();
-        if self.sweep(POLISH_SWEEPS) {
+        if self.sweep(POLISH) {
             return true;
         }
         for channel in self.newton.channels() {
@@ -254,8 +256,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let tolerance = self.settings.tolerance;
         let (mut omega, mut before) = (10.0, f64::INFINITY);
         self.newton.set_cost(problem, PROXIMAL, false);
-        while self.iterations < self.settings.max_iterations {
-            self.iterations += 1;
+        loop {
             let penalty = Penalty {
                 omega,
                 elastic: false,
@@ -263,6 +264,8 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             if !self.minimise(penalty) {
                 return if self.out_of_time() {
                     SolveStatus::TimeLimit
+                } else if self.stopped() {
+                    SolveStatus::IterationLimit
                 } else {
                     SolveStatus::NumericalTrouble
                 };
@@ -288,6 +291,5 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             }
             before = residual;
         }
-        SolveStatus::IterationLimit
     }
 }

@@ -203,9 +203,9 @@ impl Channel {
         reach
     }
 
-    /// Corrector: forces from scratch.
+    /// Corrector: forces from scratch, for products `target_mu` or for those at hand.
     #[inline(always)]
-    pub(super) fn correct<L: Lanes>(&mut self, lanes: L, target_mu: f64) {
+    pub(super) fn correct<L: Lanes>(&mut self, lanes: L, target_mu: Option<f64>) {
         self.force.fill([0.0; 4]);
         for side in 0..2 {
             if !self.used[side] {

@@ -4,6 +4,7 @@ use super::StructuredSolver;
 use super::kernel::run;
 use super::passes::{Advance, Backward, ConeTerm, Factorise, Forward, Weigh};
 use super::solves::{Ray, SolveAbsolute};
+use super::sweeps::Patience;
 use crate::certificate::examine_certificate;
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
@@ -17,8 +18,20 @@ const LEAST_SLACK: f64 = 0.1;
 /// Fraction of the way to the boundary.
 const STEP_FRACTION: f64 = 0.995;
 
-/// Active-set sweeps tried after an iteration that looks like having identified the set.
-const FINISH_SWEEPS: usize = 2;
+/// Starting products as a part of multiplier times distance, averaged over the bounds that the sweeps found active.
+const STARTING_PART: f64 = 0.05;
+
+/// Active-set sweeps tried after an iteration that looks like having identified the set; few wrong places, or none of it.
+const FINISH: Patience = Patience {
+    sweeps: 4,
+    wrong: 3,
+};
+
+/// Refinements of an iterate that has converged in all but stationarity.
+const REFINEMENTS: usize = 3;
+
+/// Part of the gap tolerance at which an iterate that is not stationary will not become so.
+const EXHAUSTED: f64 = 1e-4;
 
 /// Iterations after which the careful pass takes over: twice what problems that converge have been seen to take.
 const MOST_ITERATIONS: usize = 40;
@@ -36,7 +49,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             active += count;
         }
         let scale: f64 = if active > 0.0 { sum / active } else { 1.0 };
-        let mu = 0.1
+        let mu = STARTING_PART
             * if scale.is_finite() {
                 scale.clamp(1e-6, 1e12)
             } else {
@@ -60,10 +73,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     }
 
     /// Active-set sweeps from the iterate's guess; comes back to the iterate if they do not settle.
-    fn finish(&mut self, sweeps: usize) -> bool {
-        if !self.sweepable() {
-            return false;
-        }
+    fn finish(&mut self) -> bool {
         for channel in self.newton.channels() {
             channel.save();
             channel.guess_from_iterate();
@@ -72,7 +82,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         if let Some(cone) = &mut self.newton.cone {
             cone.guess_from_iterate();
         }
-        if self.sweep(sweeps) {
+        if self.sweep(FINISH) {
             return true;
         }
         for channel in self.newton.channels() {
@@ -115,6 +125,34 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         None
     }
 
+    /// Iterative refinement: solves for what is left of the optimality conditions with the factorisation at hand and constant
+    /// complementarity products. The last factorisations are the least accurate; their error multiplies the remainder only.
+    fn refine(&mut self, tolerance: f64) -> bool {
+        for _ in 0..REFINEMENTS {
+            let newton = &mut self.newton;
+            run(Backward {
+                newton,
+                target_mu: None,
+            });
+            let reach = run(Forward {
+                newton,
+                affine: false,
+            });
+            let step = (STEP_FRACTION / reach.ratio.max(1e-300)).min(1.0);
+            if !(step > 1e-12 && reach.product.is_finite()) {
+                return false;
+            }
+            run(Advance {
+                newton,
+                alpha: step,
+            });
+            if self.stationary(tolerance) {
+                return true;
+            }
+        }
+        false
+    }
+
     /// The interior point.
     pub(super) fn interior_point(
         &mut self,
@@ -150,7 +188,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             let sigma = (affine / mu).clamp(0.0, 1.0).powi(3);
             run(Backward {
                 newton,
-                target_mu: sigma * mu,
+                target_mu: Some(sigma * mu),
             });
             let reach = run(Forward {
                 newton,
@@ -178,7 +216,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 return SolveStatus::NumericalTrouble;
             }
             let identified = step > 0.5 && sigma < 0.1 && infeasible < 1e-3;
-            if identified && self.finish(FINISH_SWEEPS) {
+            if identified && self.finish() {
                 return SolveStatus::Solved;
             }
             let channels = self.newton.channels();
@@ -189,8 +227,11 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             let converged = mu * count < 0.1 * tolerance
                 && infeasible < 0.1 * tolerance
                 && fixed < 0.1 * tolerance;
-            if converged && self.stationary(tolerance) {
+            if converged && (self.stationary(tolerance) || self.refine(tolerance)) {
                 return SolveStatus::Solved;
+            }
+            if converged && mu * count < EXHAUSTED * tolerance {
+                return SolveStatus::NumericalTrouble;
             }
         }
         self.infeasible(problem, solution)

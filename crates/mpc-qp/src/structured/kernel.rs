@@ -137,6 +137,19 @@ pub(super) fn run<P: Phase>(phase: P) -> P::Output {
     phase.run(Portable)
 }
 
+// No closures in the products: a closure is a function of its own, which an unoptimised build leaves outside the
+// functions compiled for AVX2.
+
+#[inline(always)]
+fn four_at<L: Lanes, const R: usize>(lanes: L, v: &[f64; R], at: usize) -> L::Four {
+    lanes.load4([v[at], v[at + 1], v[at + 2], v[at + 3]])
+}
+
+#[inline(always)]
+fn two_at<L: Lanes, const R: usize>(lanes: L, v: &[f64; R], at: usize) -> L::Two {
+    lanes.load2([v[at], v[at + 1]])
+}
+
 /// y + sum over j of columns[j] x[j].
 #[inline(always)]
 pub(super) fn add_product<L: Lanes, const R: usize, const C: usize>(
@@ -147,20 +160,37 @@ pub(super) fn add_product<L: Lanes, const R: usize, const C: usize>(
 ) -> [f64; R] {
     let mut sum = *y;
     let mut at = 0;
-    while at + 4 <= R {
-        let four = |v: &[f64; R]| lanes.load4([v[at], v[at + 1], v[at + 2], v[at + 3]]);
-        let mut part = four(y);
+    // Two parts at a time: each spread entry of x serves both.
+    while R - at >= 8 {
+        let (mut low, mut high) = (four_at(lanes, y, at), four_at(lanes, y, at + 4));
         for j in 0..C {
-            part = lanes.fma4(x[j], four(&columns[j]), part);
+            low = lanes.fma4(x[j], four_at(lanes, &columns[j], at), low);
+            high = lanes.fma4(x[j], four_at(lanes, &columns[j], at + 4), high);
+        }
+        sum[at..at + 4].copy_from_slice(&lanes.store4(low));
+        sum[at + 4..at + 8].copy_from_slice(&lanes.store4(high));
+        at += 8;
+    }
+    if R - at >= 6 {
+        let (mut low, mut high) = (four_at(lanes, y, at), two_at(lanes, y, at + 4));
+        for j in 0..C {
+            low = lanes.fma4(x[j], four_at(lanes, &columns[j], at), low);
+            high = lanes.fma2(x[j], two_at(lanes, &columns[j], at + 4), high);
+        }
+        sum[at..at + 4].copy_from_slice(&lanes.store4(low));
+        sum[at + 4..at + 6].copy_from_slice(&lanes.store2(high));
+        at += 6;
+    } else if R - at >= 4 {
+        let mut part = four_at(lanes, y, at);
+        for j in 0..C {
+            part = lanes.fma4(x[j], four_at(lanes, &columns[j], at), part);
         }
         sum[at..at + 4].copy_from_slice(&lanes.store4(part));
         at += 4;
-    }
-    if at + 2 <= R {
-        let two = |v: &[f64; R]| lanes.load2([v[at], v[at + 1]]);
-        let mut part = two(y);
+    } else if R - at >= 2 {
+        let mut part = two_at(lanes, y, at);
         for j in 0..C {
-            part = lanes.fma2(x[j], two(&columns[j]), part);
+            part = lanes.fma2(x[j], two_at(lanes, &columns[j], at), part);
         }
         sum[at..at + 2].copy_from_slice(&lanes.store2(part));
         at += 2;

@@ -11,6 +11,7 @@ mod bounds;
 mod careful;
 mod channel;
 mod cone;
+mod elimination;
 mod handover;
 mod interior;
 mod kernel;
@@ -23,6 +24,7 @@ mod riccati;
 mod soft;
 mod solves;
 mod sweeps;
+mod terms;
 mod write;
 
 use crate::error::SolveError;
@@ -41,6 +43,8 @@ pub struct StructuredSolver<const NX: usize, const NU: usize> {
     settings: SolverSettings,
     newton: Newton<NX, NU>,
     costates: Vec<nalgebra::SVector<f64, NX>>,
+    /// The answer before the careful pass.
+    first: Solution<NX, NU>,
     started: Instant,
     iterations: usize,
 }
@@ -66,6 +70,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             settings,
             newton: Newton::new(problem),
             costates: vec![nalgebra::SVector::zeros(); problem.horizon()],
+            first: Solution::new(problem),
             started: Instant::now(),
             iterations: 0,
         })
@@ -77,18 +82,36 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         &self.settings
     }
 
-    fn interior_then_careful(
+    /// Writes the iterate and judges it; the status is what the recomputed residuals support.
+    fn conclude(
         &mut self,
         problem: &OcpQp<NX, NU>,
+        status: SolveStatus,
         solution: &mut Solution<NX, NU>,
-    ) -> SolveStatus {
-        match self.interior_point(problem, solution) {
-            SolveStatus::IterationLimit | SolveStatus::NumericalTrouble
-                if self.iterations < self.settings.max_iterations =>
-            {
-                self.careful(problem, solution)
-            }
-            settled => settled,
+    ) {
+        if !matches!(status, SolveStatus::PrimalInfeasible { .. }) {
+            self.write(status, solution);
+        }
+        solution.time = self.started.elapsed();
+        solution.residuals = Residuals::evaluate(problem, solution);
+        solution.status = confirmed(status, solution.residuals.worst());
+    }
+
+    /// The careful pass after an answer that is not good enough; the better of the two stays.
+    fn try_again(&mut self, problem: &OcpQp<NX, NU>, solution: &mut Solution<NX, NU>) {
+        std::mem::swap(solution, &mut self.first);
+        let status = self.careful(problem, solution);
+        self.conclude(problem, status, solution);
+        let settled = matches!(
+            solution.status,
+            SolveStatus::Solved | SolveStatus::PrimalInfeasible { .. }
+        );
+        let worse = solution.residuals.worst() >= self.first.residuals.worst();
+        if !settled
+            && (worse || !solution.status.has_solution())
+            && self.first.status.has_solution()
+        {
+            std::mem::swap(solution, &mut self.first);
         }
     }
 
@@ -96,6 +119,11 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         self.settings
             .time_limit
             .is_some_and(|limit| self.started.elapsed() >= limit)
+    }
+
+    /// Whether a limit is reached.
+    fn stopped(&self) -> bool {
+        self.out_of_time() || self.iterations >= self.settings.max_iterations
     }
 
     /// Writes the iterate if it is finite, else zeros, which the residuals then refuse.
@@ -119,11 +147,14 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
 
     /// Computes the costates; true if stationarity holds to `tolerance`.
     fn stationary(&mut self, tolerance: f64) -> bool {
-        let (residual, scale) = run(Costates {
-            newton: &mut self.newton,
-            costates: &mut self.costates,
-        });
-        residual <= tolerance * scale
+        [false, true].into_iter().any(|feedback| {
+            let (residual, scale) = run(Costates {
+                newton: &mut self.newton,
+                costates: &mut self.costates,
+                feedback,
+            });
+            residual <= tolerance * scale
+        })
     }
 }
 
@@ -180,16 +211,19 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
         let status = if settled || self.cold_sweeps() {
             SolveStatus::Solved
         } else {
-            self.interior_then_careful(problem, solution)
+            self.interior_point(problem, solution)
         };
-        if !matches!(status, SolveStatus::PrimalInfeasible { .. }) {
-            self.write(status, solution);
+        self.conclude(problem, status, solution);
+        let doubtful = matches!(
+            solution.status,
+            SolveStatus::SolvedInaccurate
+                | SolveStatus::NumericalTrouble
+                | SolveStatus::IterationLimit
+        );
+        if doubtful && self.iterations < self.settings.max_iterations {
+            self.try_again(problem, solution);
         }
-        solution.status = status;
         solution.iterations = self.iterations;
-        solution.time = self.started.elapsed();
-        solution.residuals = Residuals::evaluate(problem, solution);
-        solution.status = confirmed(solution.status, solution.residuals.worst());
         solution.objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
         Ok(())
     }

@@ -54,8 +54,9 @@ impl<const NX: usize, const NU: usize> Phase for Factorise<'_, NX, NU> {
 pub(super) struct Backward<'a, const NX: usize, const NU: usize> {
     /// The system.
     pub(super) newton: &'a mut Newton<NX, NU>,
-    /// Complementarity product that the corrector aims at.
-    pub(super) target_mu: f64,
+    /// Complementarity product that the corrector aims at; none for a refinement, which keeps the products and starts from the
+    /// gradient at the present point.
+    pub(super) target_mu: Option<f64>,
 }
 
 impl<const NX: usize, const NU: usize> Phase for Backward<'_, NX, NU> {
@@ -63,6 +64,13 @@ impl<const NX: usize, const NU: usize> Phase for Backward<'_, NX, NU> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         let newton = self.newton;
+        if self.target_mu.is_none() {
+            let x = *newton.x(newton.n);
+            newton.terminal_gradient = add_product(lanes, &newton.p, &x, &newton.pv);
+            for k in 0..newton.n {
+                newton.gradient[k] = newton.cost_gradient(lanes, k);
+            }
+        }
         for channel in newton.channels() {
             if channel.any() {
                 channel.correct(lanes, self.target_mu);

@@ -7,7 +7,7 @@
 
 use super::channel::{Channel, SIGN};
 use super::cone::Cone;
-use super::kernel::{Lanes, add_product, larger};
+use super::kernel::{Lanes, larger};
 use super::soft::Price;
 
 /// Weight of the augmented Lagrangian, and whether only violations count.
@@ -139,19 +139,10 @@ impl<const NX: usize> Cone<NX> {
         let offset = self.offset(x);
         let length = norm(&offset);
         let (z, slope) = penalty.law(self.price, self.z.head, length - 1.0);
-        if z == 0.0 || length == 0.0 {
+        if z == 0.0 {
             return;
         }
-        let unit = offset.map(|entry| entry / length);
-        let normal = add_product(lanes, &self.m, &unit, &[0.0; NX]);
-        for j in 0..NX {
-            for row in &self.m {
-                xx[j] = add_product(lanes, &[*row], &[z / length * row[j]], &xx[j]);
-            }
-            let rank_one = (slope - z / length) * normal[j];
-            xx[j] = add_product(lanes, &[normal], &[rank_one], &xx[j]);
-        }
-        *gx = add_product(lanes, &[normal], &[z], gx);
+        self.push_outward(lanes, &offset, (z, slope), Some(xx), gx);
     }
 
     /// Derivative along the step `dx` from x after the fraction `alpha` of it.
@@ -186,7 +177,7 @@ impl<const NX: usize> Cone<NX> {
         self.z.head = z;
         self.z.tail = offset.map(|entry| -z * entry / length.max(1e-300));
         self.e = (length - 1.0).max(0.0);
-        self.held = z > 0.0;
+        self.place = self.place_of_multiplier();
         change
     }
 }

@@ -118,20 +118,24 @@ pub(super) fn aim(
     reach
 }
 
-/// Forces of the corrector.
+/// Forces of the corrector; without a target the products stay what they are.
 pub(super) fn correct(
     (side, slacks): (&mut [Lane], &mut [SlackLane]),
     sign: f64,
     price: Price,
-    target_mu: f64,
+    target_mu: Option<f64>,
     force: &mut [[f64; 4]],
 ) {
     for ((lane, slack), force) in side.iter_mut().zip(slacks).zip(force) {
         for i in 0..4 {
-            lane.target[i] = lane.on[i] * (target_mu - lane.ds[i] * lane.dz[i]);
-            if let Price::Exact(_) = price {
-                slack.shift[i] = slack.e[i] - (target_mu + slack.de[i] * lane.dz[i]) / slack.nu[i];
-            }
+            (lane.target[i], slack.shift[i]) = match (target_mu, price) {
+                (None, _) => (lane.on[i] * lane.s[i] * lane.z[i], 0.0),
+                (Some(mu), Price::Exact(_)) => (
+                    lane.on[i] * (mu - lane.ds[i] * lane.dz[i]),
+                    slack.e[i] - (mu + slack.de[i] * lane.dz[i]) / slack.nu[i],
+                ),
+                (Some(mu), _) => (lane.on[i] * (mu - lane.ds[i] * lane.dz[i]), 0.0),
+            };
             let rest = lane.r[i] + lane.target[i] / lane.z[i] - lane.s[i] + slack.shift[i];
             force[i] += sign * (lane.on[i] * lane.z[i] + lane.w[i] * rest);
         }

@@ -104,6 +104,7 @@ impl<const NX: usize, const NU: usize> Phase for Settle<'_, NX, NU> {
         }
         if let Some(cone) = &mut newton.cone {
             verdict = verdict.and(cone.settle(
+                lanes,
                 at(&newton.states.v, newton.n - 1),
                 at(&newton.states.dv, newton.n - 1),
             ));
@@ -112,15 +113,17 @@ impl<const NX: usize, const NU: usize> Phase for Settle<'_, NX, NU> {
     }
 }
 
-/// Costates at the present point and multipliers: the adjoint recursion, kept stable by the gains at hand.
+/// Costates at the present point and multipliers: the adjoint recursion, plain or kept stable by the gains at hand.
 ///
-/// Each stage's input residual is fed back through the gain, so it stays where it arises instead of growing
-/// with the powers of an unstable A; the states' conditions miss by the gain times that residual.
+/// Fed back through the gain, each stage's input residual stays where it arises instead of growing with the powers of an
+/// unstable A, and the states' conditions miss by the gain times that residual. Without, they hold exactly.
 pub(super) struct Costates<'a, const NX: usize, const NU: usize> {
     /// The system.
     pub(super) newton: &'a mut Newton<NX, NU>,
     /// Costates of the N dynamics.
     pub(super) costates: &'a mut [nalgebra::SVector<f64, NX>],
+    /// Whether to feed the input residuals back.
+    pub(super) feedback: bool,
 }
 
 impl<const NX: usize, const NU: usize> Phase for Costates<'_, NX, NU> {
@@ -129,7 +132,8 @@ impl<const NX: usize, const NU: usize> Phase for Costates<'_, NX, NU> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> (f64, f64) {
         let newton = self.newton;
-        let (mut residual, mut scale) = (0.0, 1.0);
+        // The shared residuals are relative to at least one in the problem's unit of cost.
+        let (mut residual, mut scale) = (0.0, newton.cost_unit.recip().min(1.0));
         for channel in newton.channels() {
             if channel.any() {
                 channel.present();
@@ -160,13 +164,12 @@ impl<const NX: usize, const NU: usize> Phase for Costates<'_, NX, NU> {
                     larger(gu[i].abs(), larger(pull[i].abs(), gr[i].abs())),
                 );
             }
-            newton.feedforward[k] = backward(
-                lanes,
-                &newton.stages[k],
-                &newton.gains[k],
-                (&gx, &gu, gr),
-                &mut costate,
-            );
+            if self.feedback {
+                let (stage, gain) = (&newton.stages[k], &newton.gains[k]);
+                newton.feedforward[k] = backward(lanes, stage, gain, (&gx, &gu, gr), &mut costate);
+            } else {
+                costate.0 = add_product(lanes, &newton.stages[k].at, &costate.0, &gx);
+            }
         }
         (residual, scale)
     }
