@@ -1,5 +1,6 @@
 //! The structured solver allocates nothing after it was made.
 
+use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{OcpSolver, Solution, SolveStatus, SolverSettings, Start, StructuredSolver};
 
@@ -26,6 +27,26 @@ fn refill_and_solve_allocate_nothing() {
             assert_eq!(counted.count_total, 0, "seed {seed}, cone {cone}");
         }
     }
+}
+
+// More iterations than the interior point may take: the careful pass ran.
+#[test]
+fn hard_and_infeasible_problems_allocate_nothing_either() {
+    let (mut most, mut refused) = (0, 0);
+    for seed in 0..300 {
+        let problem = random::problem::<6, 2>(seed, &Recipe::any(seed, 30)).unwrap();
+        let mut solver = StructuredSolver::new(&problem, SolverSettings::default()).unwrap();
+        let mut solution = Solution::new(&problem);
+        let counted = allocation_counter::measure(|| {
+            solver.solve(&problem, Start::Cold, &mut solution).unwrap();
+        });
+        assert_eq!(counted.count_total, 0, "seed {seed}");
+        most = most.max(solution.iterations);
+        let proved = matches!(solution.status, SolveStatus::PrimalInfeasible { .. });
+        refused += usize::from(proved);
+    }
+    assert!(most > 60, "at most {most} iterations");
+    assert!(refused > 30, "{refused} infeasible");
 }
 
 #[test]
