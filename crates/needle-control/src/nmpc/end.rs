@@ -11,7 +11,7 @@ use crate::program::Goal;
 use crate::terminal;
 use mpc_qp::{Row, Stage};
 use nalgebra::{Matrix2x6, Matrix6, SVector, Vector2, Vector6};
-use needle_model::{Input, Pose, StepError, pose_residual, se3};
+use needle_model::{Input, Pose, StepError, pose_residual};
 
 /// Part of the set's size by which its linearisation may miss it.
 const SECOND_ORDER: f64 = 1e-3;
@@ -132,7 +132,7 @@ impl HorizonEnd {
         let (xi, by_pose) = (residual.value, residual.by_pose);
         let shape = by_pose.tr_mul(&(p * by_pose));
         goal.shape = (shape + shape.transpose()) * 0.5;
-        goal.center = -(se3::right_jacobian(&xi) * xi);
+        goal.center = -xi;
         goal.level = *level;
         // The law's first input less the plan's last: m (A x + B u + c) + K xi_0 + r_N - u.
         let m = law * by_pose;
@@ -195,5 +195,46 @@ mod tests {
                 gradient[i]
             );
         }
+    }
+
+    #[test]
+    fn rows_hold_the_laws_first_input_to_what_the_last_one_can_reach() {
+        let reference = Pose::exp(&Vector6::new(1.0, -2.0, 3.0, 0.4, -0.2, 0.9));
+        let pose = reference.perturbed(&Vector6::new(0.3, 0.2, -0.4, 0.3, -0.25, 0.8));
+        let law = Matrix2x6::from_fn(|i, j| 0.3 * (i as f64 + 1.0) - 0.2 * j as f64);
+        let end = HorizonEnd::Form(Form {
+            p: Matrix6::identity(),
+            law,
+            level: Some(2.0),
+        });
+        let b = nalgebra::Matrix6x2::from_fn(|i, j| 1e-5 * (i as f64 - 2.0 * j as f64));
+        let mut last = Stage::new(Matrix6::identity() * 0.9, b);
+        last.c = Vector6::repeat(2e-5);
+        let takeover = Takeover {
+            wanted: Input {
+                v_mm_s: 5.0,
+                omega_rad_s: 1.0,
+            },
+            change: Vector2::new(10.0, 5.0),
+        };
+        let mut goal = blank_goal();
+        assert!(end.aim(&mut goal, [&pose, &reference], &last, &takeover));
+        let (x, u) = (Vector6::repeat(-3e-5), Vector2::new(4.0, -0.7));
+        let end_pose = pose.perturbed(&(last.a * x + last.b * u + last.c));
+        let first = law * end_pose.error_from(&reference) + Vector2::new(5.0, 1.0);
+        let step = first - u;
+        let slack = |row: &Row<6, 2>| row.upper - row.g_x.dot(&x) - row.h_u.dot(&u);
+        let expected = [10.0 - step[0], 10.0 + step[0], 5.0 - step[1], 5.0 + step[1]];
+        for (row, expected) in goal.rows.iter().zip(expected) {
+            // Second order of perturbations of 1e-4.
+            assert!(
+                (slack(row) - expected).abs() < 1e-6,
+                "{} {expected}",
+                slack(row)
+            );
+        }
+        // The centre is the perturbation that brings the pose to the reference.
+        let there = pose.perturbed(&goal.center).error_from(&reference);
+        assert!(there.norm() < 1e-9, "{there}");
     }
 }

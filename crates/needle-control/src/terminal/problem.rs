@@ -223,3 +223,79 @@ fn repeats(inputs: &[Input], period: usize) -> Result<(), TerminalError> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::DVector;
+
+    const HELIX: Input = Input {
+        v_mm_s: 5.0,
+        omega_rad_s: 1.0,
+    };
+
+    /// Largest value over bound that a row of the law takes on the set: by Cauchy-Schwarz sqrt(level f P^-1 f').
+    fn fullest(p: &DMatrix<f64>, level: f64, rows: &DMatrix<f64>, bounds: &[f64]) -> f64 {
+        let factor = p.clone().cholesky().unwrap();
+        let of = |i: usize| {
+            let f: DVector<f64> = rows.row(i).transpose();
+            (level * f.dot(&factor.solve(&f))).sqrt() / bounds[i]
+        };
+        (0..bounds.len()).map(of).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn set_is_as_large_as_the_law_keeps_inputs_and_their_changes_within_the_limits() {
+        let needle = Needle::new(1.0 / 150.0).unwrap();
+        let path = ReferencePath::from_inputs(
+            needle,
+            needle_model::Pose::identity(),
+            vec![HELIX; 20],
+            0.1,
+        )
+        .unwrap();
+        let limits = InputLimits::default();
+        // Of the box the nearer side: 5 of 0 to 10 mm/s, and up to the largest spin. Changes in 0.1 s.
+        let boxes = [5.0, limits.omega_max_rad_s - 1.0];
+        let changes = [
+            0.1 * limits.v_rate_max_mm_s2,
+            0.1 * limits.omega_rate_max_rad_s2,
+        ];
+        let bounds = [boxes, changes].concat();
+        for r_rate in [None, Some(Matrix2::identity())] {
+            let states = if r_rate.is_some() { 8 } else { 6 };
+            let problem = TerminalProblem {
+                needle,
+                path: &path,
+                dt_s: 0.1,
+                limits,
+                coordinates: ALL_COORDINATES,
+                q: DMatrix::identity(6, 6),
+                r: Matrix2::identity() * 0.1,
+                r_rate,
+                end: DMatrix::identity(states, states),
+            };
+            let chosen = problem.choose(TerminalChoice::HelixDare).unwrap();
+            let end = chosen.ingredients.at(7);
+            let (k, level) = (end.k.unwrap(), end.level.unwrap());
+            let jacobians = needle.linearise(HELIX, 0.1).unwrap();
+            let mut rows = DMatrix::zeros(4, states);
+            if r_rate.is_some() {
+                // The law gives the change; the input is the last one and the change.
+                rows.view_mut((0, 0), (2, 8)).copy_from(k);
+                rows[(0, 6)] += 1.0;
+                rows[(1, 7)] += 1.0;
+                rows.view_mut((2, 0), (2, 8)).copy_from(k);
+            } else {
+                let a = DMatrix::from_fn(6, 6, |i, j| jacobians.a[(i, j)]);
+                let b = DMatrix::from_fn(6, 2, |i, j| jacobians.b[(i, j)]);
+                let step = a + b * k - DMatrix::identity(6, 6);
+                rows.view_mut((0, 0), (2, 6)).copy_from(k);
+                rows.view_mut((2, 0), (2, 6)).copy_from(&(k * step));
+            }
+            // One row is met with equality, none is passed; rounding of P, whose condition is 1e5.
+            let fullest = fullest(end.p, level, &rows, &bounds);
+            assert!((fullest - 1.0).abs() < 1e-6, "{states}: {fullest}");
+        }
+    }
+}
