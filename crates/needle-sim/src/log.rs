@@ -185,9 +185,11 @@ fn row(step: &StepRecord, before: Option<&StepRecord>, reference: &ReferenceReco
         nearest: distances
             .min_by(|a, b| a.1.total_cmp(&b.1))
             .map(|(index, _)| index),
-        status: before.map(|before| match before.origin {
-            OriginRecord::Optimal => SOLVED,
-            origin => origin.word(),
+        // An explicit law solves nothing.
+        status: before.and_then(|before| match before.origin {
+            OriginRecord::Law => None,
+            OriginRecord::Optimal => Some(SOLVED),
+            origin => Some(origin.word()),
         }),
         iterations: before.map(|before| before.iterations),
         solve_us: before.map(|before| before.step_us),
