@@ -22,11 +22,11 @@ fn record() -> RunRecord {
         ("controller.name", "ltv"),
         ("controller.terminal", "helix_dare"),
     ] {
-        document.set(key, value.into()).unwrap();
+        document.set(key, value).unwrap();
     }
-    document.set("controller.horizon", 8.into()).unwrap();
+    document.set("controller.horizon", 8).unwrap();
     document
-        .set("plant.start.offset_mm", vec![0.05, 0.0, 0.0].into())
+        .set("plant.start.offset_mm", vec![0.05, 0.0, 0.0])
         .unwrap();
     run(&document.scenario().unwrap(), 0).unwrap()
 }
