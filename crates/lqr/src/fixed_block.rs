@@ -145,6 +145,27 @@ impl<const N: usize> Block<N, N> {
         Some(self)
     }
 
+    /// Least pivot of a Cholesky factorisation over its diagonal entry: one where the columns are orthogonal, zero where they depend.
+    pub(crate) fn least_relative_pivot(mut self) -> f64 {
+        let mut least = 1.0_f64;
+        let diagonal: [f64; N] = std::array::from_fn(|i| self.0[i][i]);
+        for j in 0..N {
+            let pivot = self.0[j][j];
+            // Written so that NaN counts as dependent.
+            if !(pivot > 0.0) {
+                return 0.0;
+            }
+            least = least.min(pivot / diagonal[j]);
+            for k in j + 1..N {
+                let s = self.0[j][k] / pivot;
+                for i in k..N {
+                    self.0[k][i] -= s * self.0[j][i];
+                }
+            }
+        }
+        least
+    }
+
     /// Solves `self x = rhs` for a positive definite `self`; `None` where it is not.
     pub(crate) fn cholesky_solve<const D: usize>(
         mut self,

@@ -173,6 +173,8 @@ pub(crate) struct Step {
     pub(crate) k: Mat<f64>,
     pub(crate) closed_loop: Mat<f64>,
     pub(crate) before: Mat<f64>,
+    /// Of R + B'PB: the least pivot over its diagonal entry.
+    pub(crate) hessian_pivot: f64,
 }
 
 /// The backward step of `problem` from `p`; `None` where R + B'PB is not positive definite.
@@ -191,6 +193,7 @@ pub(crate) fn backward<const N: usize, const M: usize>(
     for i in m..M {
         hessian.0[i][i] = 1.0;
     }
+    let hessian_pivot = hessian.least_relative_pivot();
     let mut gradient = pb.transposed().mul(&a);
     let s = problem.s.as_ref().map(Block::<N, M>::padded);
     if let Some(s) = &s {
@@ -210,5 +213,6 @@ pub(crate) fn backward<const N: usize, const M: usize>(
         k: k.corner(m, n),
         closed_loop: closed_loop.corner(n, n),
         before: before.corner(n, n),
+        hessian_pivot,
     })
 }

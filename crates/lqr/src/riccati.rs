@@ -31,6 +31,8 @@ pub(crate) struct Candidate {
     pub(crate) p: Mat<f64>,
     pub(crate) k: Mat<f64>,
     pub(crate) closed_loop: Mat<f64>,
+    /// Of R + B'PB: the least Cholesky pivot over its diagonal entry.
+    pub(crate) hessian_pivot: f64,
     /// Right side of the equation minus P.
     pub(crate) residual: Mat<f64>,
     /// |residual| / max(|P|, |Q|), Frobenius norms.
@@ -42,11 +44,27 @@ impl Problem {
         self.a.nrows()
     }
 
+    /// R + B'PB.
+    fn hessian(&self, pb: &Mat<f64>) -> Mat<f64> {
+        let mut hessian = add_scaled(&self.r, 1.0, &tr_mul(&self.b, pb));
+        symmetrise(&mut hessian);
+        hessian
+    }
+
+    /// The least Cholesky pivot of R + B'PB over its diagonal entry; zero where an input depends on the others.
+    pub(crate) fn hessian_pivot(&self, p: &Mat<f64>) -> f64 {
+        let hessian = self.hessian(&mul(p, &self.b));
+        cholesky(&hessian).map_or(0.0, |l| {
+            (0..l.nrows())
+                .map(|i| l[(i, i)] * l[(i, i)] / hessian[(i, i)])
+                .fold(1.0, f64::min)
+        })
+    }
+
     /// K = -(R + B'PB)^-1 (B'PA + S'); `None` where R + B'PB is not positive definite.
     pub(crate) fn gain(&self, p: &Mat<f64>) -> Option<Mat<f64>> {
         let pb = mul(p, &self.b);
-        let mut hessian = add_scaled(&self.r, 1.0, &tr_mul(&self.b, &pb));
-        symmetrise(&mut hessian);
+        let hessian = self.hessian(&pb);
         let mut gradient = tr_mul(&pb, &self.a);
         if let Some(s) = &self.s {
             gradient = add_scaled(&gradient, 1.0, &s.transpose().to_owned());
@@ -88,6 +106,7 @@ impl Problem {
             k,
             closed_loop,
             before,
+            hessian_pivot: self.hessian_pivot(p),
         })
     }
 
@@ -101,6 +120,7 @@ impl Problem {
             p,
             k: step.k,
             closed_loop: step.closed_loop,
+            hessian_pivot: step.hessian_pivot,
             residual,
             relative_residual,
         })

@@ -7,7 +7,7 @@ use crate::extended_solution::{Extended, extended_residual, extended_solution};
 use crate::fixed_size::{by_states, inverse_norm_one};
 use crate::hautus::{self, Stabilisability, UncontrollableMode};
 use crate::proved_measure::{WEAK, proved_measure};
-use crate::riccati::{Balanced, Problem};
+use crate::riccati::{Balanced, Problem, indefinite};
 use crate::routes::{ACCEPTED_RESIDUAL, Attempt, Route};
 use faer::Mat;
 
@@ -57,7 +57,7 @@ pub(crate) fn in_extended_precision(
     balanced: &Balanced,
     found: Result<DareSolution, DareError>,
 ) -> Result<DareSolution, DareError> {
-    let (p, k, spectral_radius, iterations) = match extended_solution(&balanced.problem) {
+    let (p_balanced, k, spectral_radius, iterations) = match extended_solution(&balanced.problem) {
         Extended::Decided {
             p,
             k,
@@ -74,10 +74,16 @@ pub(crate) fn in_extended_precision(
         }
         Extended::NotFound => return found,
     };
-    let p = balanced.restore(&p);
+    let p = balanced.restore(&p_balanced);
     let Some(relative_residual) = extended_residual(problem, &p) else {
         return found;
     };
+    if balanced.problem.hessian_pivot(&p_balanced) < dependent(problem) {
+        return Err(DareError::SingularInputHessian);
+    }
+    if indefinite(&p).is_some() {
+        return found;
+    }
     // Doubles may have come as close: then their answer stands, with the same P up to rounding.
     if let Ok(solution) = &found
         && solution.relative_residual <= relative_residual
@@ -97,6 +103,11 @@ pub(crate) fn in_extended_precision(
         warning: None,
     };
     Ok(with_warning(solution, weakest_mode))
+}
+
+/// A relative pivot of R + B'PB below this is rounding.
+fn dependent(problem: &Problem) -> f64 {
+    64.0 * problem.b.ncols() as f64 * f64::EPSILON
 }
 
 /// Says what is nearly lost.
@@ -145,7 +156,11 @@ fn accept(
     } else {
         size / norm(&p).max(norm(&problem.q))
     };
-    if !(relative_residual <= ACCEPTED_RESIDUAL) {
+    if candidate.hessian_pivot < dependent(problem) {
+        return Err(DareError::SingularInputHessian);
+    }
+    // With inputs so nearly dependent P can be the fixed point of the rounded map and far from that of the map.
+    if !(relative_residual <= ACCEPTED_RESIDUAL) || candidate.hessian_pivot < 1e-10 {
         return Err(DareError::NoConvergence {
             relative_residual,
             spectral_radius,

@@ -193,6 +193,19 @@ fn input_without_weight_or_effect_is_refused() {
 }
 
 #[test]
+fn inputs_that_only_rounding_tells_apart_are_refused() {
+    // R = vv' + 1e-30: found by a search through hostile data, where P was once the fixed point of the *rounded* map, 6 % off.
+    let error = solve(
+        &mat![[-0.2545728728535579]],
+        &mat![[1.3656289722546556e-15, 1.3614062010101818e-18]],
+        &mat![[4.873913216251556]],
+        &mat![[16.0, 4.0], [4.0, 1.0]],
+    )
+    .unwrap_err();
+    assert_eq!(error, DareError::SingularInputHessian);
+}
+
+#[test]
 fn weakly_reached_unstable_mode_comes_with_a_warning() {
     for gain in [1e-4, 1e-6, 1e-8, 1e-10] {
         let system = System {
