@@ -7,6 +7,7 @@ use needle_control::{
     NmpcController, Origin, StopReason, StraightController, Survival, Tracking,
 };
 use needle_model::{Input, Needle, Pose, ReferencePath};
+use proptest::prelude::*;
 use std::time::Duration;
 
 fn helix(steps: usize) -> ReferencePath {
@@ -289,6 +290,64 @@ fn absurd_estimate_of_curvature_is_ignored() {
                 without.step(&plain, 0.0).input,
             );
             assert_eq!(told, untold, "{name}, {absurd}");
+        }
+    }
+}
+
+fn anything() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        12 => -3.0..3.0_f64,
+        2 => -300.0..300.0_f64,
+        1 => Just(f64::NAN),
+        1 => Just(f64::INFINITY),
+        1 => Just(-1e300),
+        1 => Just(0.0),
+    ]
+}
+
+/// References of any inputs: too fast, backwards, spinning, at rest.
+fn any_reference() -> impl Strategy<Value = ReferencePath> {
+    prop::collection::vec((-15.0..15.0_f64, -10.0..10.0_f64), 0..40).prop_map(|inputs| {
+        let inputs = inputs.into_iter().map(|(v_mm_s, omega_rad_s)| Input {
+            v_mm_s,
+            omega_rad_s,
+        });
+        let needle = Needle::new(CURVATURE_PER_MM).unwrap();
+        ReferencePath::from_inputs(needle, Pose::identity(), inputs.collect(), DT_S).unwrap()
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn any_measurement_along_any_reference_gives_an_input_inside_the_limits(
+        reference in any_reference(),
+        samples in prop::collection::vec(
+            (prop::array::uniform6(anything()), prop::option::of(anything()), 0.05..0.15_f64, 0..4_u8),
+            1..20,
+        ),
+    ) {
+        for (name, mut controller) in all(&reference) {
+            let (mut previous, mut time_s) = (Input::ZERO, 0.0);
+            for (step, &(xi, curvature_per_mm, increment_s, kind)) in samples.iter().enumerate() {
+                let pose = match kind {
+                    0 => None,
+                    1 => Some(Pose {
+                        position_mm: Vector3::new(xi[0], xi[1], xi[2]),
+                        rotation: UnitQuaternion::new_unchecked(Quaternion::new(xi[3], xi[4], xi[5], xi[0])),
+                    }),
+                    _ => Some(Pose::exp(&Vector6::from(xi))),
+                };
+                let elapsed_s = if step == 0 { DT_S } else { increment_s };
+                time_s += if step == 0 { 0.0 } else { increment_s };
+                let decided = controller.step(&Measurement { pose, curvature_per_mm }, time_s);
+                prop_assert!(
+                    inside(decided.input, previous, elapsed_s),
+                    "{name}, step {step}: {:?} after {previous:?}, {:?}", decided.input, decided.origin
+                );
+                previous = decided.input;
+            }
         }
     }
 }
