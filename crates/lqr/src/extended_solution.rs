@@ -35,6 +35,8 @@ pub(crate) enum Extended {
         spectral_radius: f64,
         iterations: usize,
     },
+    /// A solution with inputs that only rounding of R and B tells apart: R + B'PB is singular to working precision.
+    Dependent,
     /// A solution of the numbers as stored, but other numbers that round to them may have none.
     Undecided {
         /// eta times the bound on the resolvent: one is where the proof ends.
@@ -66,11 +68,15 @@ pub(crate) fn extended_solution(problem: &Problem) -> Extended {
     for start in starts {
         let solution = start(&wide).and_then(|(k, doublings)| {
             let (p, k, steps) = wide.kleinman(&k)?;
-            Some((p.rounded(), k.rounded(), doublings + steps))
+            let apart = wide.tells_inputs_apart(&p)?;
+            Some((p.rounded(), k.rounded(), apart, doublings + steps))
         });
-        let Some((p, k, iterations)) = solution else {
+        let Some((p, k, apart, iterations)) = solution else {
             continue;
         };
+        if !apart {
+            return Extended::Dependent;
+        }
         if let Some((spectral_radius, sensitivity)) = stability(problem, &wide, &p, &k) {
             // The stabilising solution is unique: another start would lead to the same.
             return if sensitivity < DECIDED {
@@ -114,6 +120,20 @@ impl WideProblem {
         }
         let k = hessian.solve(gradient)?;
         Some(k.plus(-2.0, &k))
+    }
+
+    /// Whether the Cholesky pivots of R + B'PB are above what rounding of R and B makes of them: the first moves a pivot by
+    /// its own size, the second turns a column by a rounding, and the pivot is the square of a distance.
+    fn tells_inputs_apart(&self, p: &WideMat) -> Option<bool> {
+        let through_states = p.congruence(&self.b);
+        let l = self.r.plus(1.0, &through_states).cholesky()?;
+        let inputs = l.rounded().nrows();
+        let rounding = 64.0 * inputs as f64 * f64::EPSILON;
+        Some((0..inputs).all(|i| {
+            let (r, effect) = (self.r.at(i, i), through_states.at(i, i));
+            let floor = rounding * r.rounded() + rounding * rounding * effect.rounded();
+            (l.at(i, i) * l.at(i, i)).rounded() > floor
+        }))
     }
 
     fn closed_loop(&self, k: &WideMat) -> WideMat {

@@ -45,7 +45,7 @@ impl UncontrollableMode {
     #[must_use]
     pub fn is_certain(&self) -> bool {
         let by_rounding =
-            self.column_change < 4.0 * self.left_eigenvector.len() as f64 * f64::EPSILON;
+            self.column_change < 16.0 * self.left_eigenvector.len() as f64 * f64::EPSILON;
         // Where the entries are exact the mode is, however sensitive.
         let sharp = self.column_change == 0.0 || self.eigenvalue_shift < SHARP;
         self.measure < self.tolerance && by_rounding && sharp

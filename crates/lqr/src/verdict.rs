@@ -11,6 +11,8 @@ use crate::riccati::{Balanced, Problem, indefinite};
 use crate::routes::{ACCEPTED_RESIDUAL, Attempt, Route};
 use faer::Mat;
 
+/// Inputs with a smaller relative pivot of R + B'PB are a matter for more digits.
+const NEARLY_DEPENDENT: f64 = 1e-10;
 /// A closed loop with a larger spectral radius is slow.
 const SLOW: f64 = 0.999;
 /// A residual above this has lost digits.
@@ -57,13 +59,14 @@ pub(crate) fn in_extended_precision(
     balanced: &Balanced,
     found: Result<DareSolution, DareError>,
 ) -> Result<DareSolution, DareError> {
-    let (p_balanced, k, spectral_radius, iterations) = match extended_solution(&balanced.problem) {
+    let (p, k, spectral_radius, iterations) = match extended_solution(&balanced.problem) {
         Extended::Decided {
             p,
             k,
             spectral_radius,
             iterations,
         } => (p, k, spectral_radius, iterations),
+        Extended::Dependent => return Err(DareError::SingularInputHessian),
         Extended::Undecided { sensitivity } => {
             return match found {
                 Err(DareError::NoConvergence { .. }) => {
@@ -74,13 +77,10 @@ pub(crate) fn in_extended_precision(
         }
         Extended::NotFound => return found,
     };
-    let p = balanced.restore(&p_balanced);
+    let p = balanced.restore(&p);
     let Some(relative_residual) = extended_residual(problem, &p) else {
         return found;
     };
-    if balanced.problem.hessian_pivot(&p_balanced) < dependent(problem) {
-        return Err(DareError::SingularInputHessian);
-    }
     if indefinite(&p).is_some() {
         return found;
     }
@@ -103,11 +103,6 @@ pub(crate) fn in_extended_precision(
         warning: None,
     };
     Ok(with_warning(solution, weakest_mode))
-}
-
-/// A relative pivot of R + B'PB below this is rounding.
-fn dependent(problem: &Problem) -> f64 {
-    64.0 * problem.b.ncols() as f64 * f64::EPSILON
 }
 
 /// Says what is nearly lost.
@@ -156,11 +151,8 @@ fn accept(
     } else {
         size / norm(&p).max(norm(&problem.q))
     };
-    if candidate.hessian_pivot < dependent(problem) {
-        return Err(DareError::SingularInputHessian);
-    }
     // With inputs so nearly dependent P can be the fixed point of the rounded map and far from that of the map.
-    if !(relative_residual <= ACCEPTED_RESIDUAL) || candidate.hessian_pivot < 1e-10 {
+    if !(relative_residual <= ACCEPTED_RESIDUAL) || candidate.hessian_pivot < NEARLY_DEPENDENT {
         return Err(DareError::NoConvergence {
             relative_residual,
             spectral_radius,
