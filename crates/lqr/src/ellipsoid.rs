@@ -19,6 +19,14 @@ pub enum TerminalSetError {
     /// A level set of this P is not bounded, or empty.
     #[error("the shape matrix is not positive definite")]
     NotPositiveDefinite,
+    /// A set with an interior was asked for where a constraint that acts on the state has no room.
+    #[error("constraint {name} leaves no interior: bound {bound}")]
+    NoInterior {
+        /// Name of the constraint.
+        name: String,
+        /// Its bound.
+        bound: f64,
+    },
     /// The closed loop is not stable: no set around the origin is invariant.
     #[error("the closed loop has spectral radius {spectral_radius}, not below one")]
     Unstable {

@@ -45,6 +45,12 @@ pub enum InputError {
         /// Its value.
         value: f64,
     },
+    /// A number that must not be zero is.
+    #[error("{name} is zero")]
+    Zero {
+        /// Name of the argument.
+        name: &'static str,
+    },
     /// A weight differs from its transpose by more than rounding.
     #[error("{name} is not symmetric: largest difference {difference:e}, tolerance {tolerance:e}")]
     NotSymmetric {

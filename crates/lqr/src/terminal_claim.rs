@@ -108,7 +108,7 @@ impl TerminalClaim {
         // V must fall: a fraction of zero claims nothing.
         input::finite_not_negative("decrease_fraction", self.decrease_fraction)?;
         if self.decrease_fraction == 0.0 {
-            return Err(InputError::Empty {
+            return Err(InputError::Zero {
                 name: "decrease_fraction",
             });
         }

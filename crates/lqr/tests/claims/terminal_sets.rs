@@ -280,6 +280,11 @@ fn one_sided_limit_keeps_the_half_line_as_a_polytope_where_the_ellipsoid_is_a_po
         )
         .unwrap();
     let set = AdmissibleSet::maximal(mat![[0.5]].as_ref(), &rows, 10).unwrap();
+    let error = largest_volume_ellipsoid(mat![[0.5]].as_ref(), &rows).unwrap_err();
+    assert!(
+        matches!(&error, lqr::TerminalSetError::NoInterior { name, .. } if name == "u0 >= 0"),
+        "{error}"
+    );
     assert_eq!(set.determination, Determination::Determined { index: 0 });
     assert_eq!(set.support(&[1.0]), Ok(Some(0.0)));
     assert_eq!(set.support(&[-1.0]), Ok(Some(2.0)));
