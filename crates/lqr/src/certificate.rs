@@ -21,6 +21,7 @@ pub struct Witness {
     /// The state, length n.
     pub state: Vec<f64>,
     /// What is bounded, at that state.
+    #[serde(deserialize_with = "infinite_if_null")]
     pub value: f64,
     /// Its bound.
     pub bound: f64,
@@ -34,6 +35,10 @@ fn infinite_if_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D
     Ok(factor.unwrap_or(f64::INFINITY))
 }
 
+fn minus_infinite_if_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    infinite_if_null(deserializer).map(|x| if x == f64::INFINITY { -x } else { x })
+}
+
 /// One condition.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Check {
@@ -44,7 +49,9 @@ pub struct Check {
     /// The verdict, at the certificate's level of rigour.
     pub holds: bool,
     /// Distance from failing, in floating point: the least eigenvalue of the matrix in `condition`, the bound itself for
-    /// `lower bound` and `upper bound`, and for a constraint 1 - (largest value in the set) / limit.
+    /// `lower bound` and `upper bound`, and for a constraint 1 - (largest value in the set) / limit. Minus infinity, for a limit of zero
+    /// or data that are none (check `data`), is null in JSON.
+    #[serde(deserialize_with = "minus_infinite_if_null")]
     pub margin: f64,
     /// Negative margins down to here counted as rounding; zero in an exact certificate.
     pub tolerance: f64,

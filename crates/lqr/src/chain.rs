@@ -6,10 +6,11 @@
 //! that is doubled, and Newton steps on the period polish it (the derivative of the period map is X -> M'XM, M the monodromy matrix).
 
 use crate::dense::{add_scaled, identity, mul, norm, symmetrise};
-use crate::hautus::{self, UncontrollableMode};
+use crate::doubling::StageMap;
+use crate::hautus::{self, UncontrollableMode, UnobservableMode};
 use crate::input::{self, InputError};
 use crate::riccati::{Problem, indefinite};
-use crate::spectrum::{self, lyapunov_sum};
+use crate::spectrum::{self, SpectrumError, lyapunov_sum};
 use faer::{Mat, MatRef};
 
 /// One stage: x_{i+1} = A x_i + B u_i at the cost x'Qx + u'Ru. Shapes n x n, n x m, n x n, m x m; m may change from stage to stage.
@@ -65,6 +66,15 @@ pub enum ChainError {
         /// The mode of the monodromy matrix.
         mode: UncontrollableMode,
     },
+    /// A multiplier of the period on the unit circle without weight: the optimal law leaves it there.
+    #[error("no stabilising periodic solution: the weights do not see {mode} on the unit circle")]
+    UnobservableOnCircle {
+        /// The mode of the map over one period.
+        mode: UnobservableMode,
+    },
+    /// The product of the period overflows, or its eigenvalues could not be computed.
+    #[error("the multipliers of the period could not be computed")]
+    Spectrum(#[source] SpectrumError),
     /// The period map has no stabilising fixed point within reach.
     #[error(
         "no stabilising periodic solution: relative residual {relative_residual:e}, spectral radius of the monodromy matrix {spectral_radius}"
@@ -179,6 +189,8 @@ const MAX_DOUBLINGS: usize = 50;
 const PLAIN_PERIODS: usize = 60;
 const MAX_NEWTON_STEPS: usize = 30;
 const ACCEPTED_RESIDUAL: f64 = 1e-8;
+/// From this spectral radius on a multiplier may be one on the circle, moved inside by rounding.
+const SLOW: f64 = 0.999;
 
 struct Period {
     chain: BackwardChain,
@@ -226,6 +238,9 @@ impl PeriodicSolution {
                 spectrum::largest_modulus(&period.monodromy).unwrap_or(f64::INFINITY);
             if spectral_radius < 1.0 && period.relative_residual <= ACCEPTED_RESIDUAL {
                 refuse_unreached(&problems)?;
+                if spectral_radius > SLOW {
+                    refuse_unseen(&problems)?;
+                }
                 let BackwardChain { mut p, k } = period.chain;
                 p.pop();
                 let relative_residual = period.relative_residual;
@@ -239,6 +254,7 @@ impl PeriodicSolution {
             best = Some(period);
         }
         refuse_unreached(&problems)?;
+        refuse_unseen(&problems)?;
         let (relative_residual, spectral_radius) =
             best.map_or((f64::INFINITY, f64::INFINITY), |period| {
                 let radius = spectrum::largest_modulus(&period.monodromy).unwrap_or(f64::INFINITY);
@@ -252,11 +268,30 @@ impl PeriodicSolution {
 }
 
 fn composed(problems: &[Problem]) -> Option<Mat<f64>> {
+    period_map(problems)?
+        .fixed_point(MAX_DOUBLINGS)
+        .map(|(p, _)| p)
+}
+
+/// The stages composed into one; `None` for a singular R.
+fn period_map(problems: &[Problem]) -> Option<StageMap> {
     let mut period = problems[0].stage_map()?;
     for problem in &problems[1..] {
         period = period.then(&problem.stage_map()?)?;
     }
-    period.fixed_point(MAX_DOUBLINGS).map(|(p, _)| p)
+    Some(period)
+}
+
+/// Refuses a multiplier on the unit circle without weight. Leaves out periods with a singular R, whose stages do not compose.
+fn refuse_unseen(problems: &[Problem]) -> Result<(), ChainError> {
+    let Some(map) = period_map(problems) else {
+        return Ok(());
+    };
+    let modes = hautus::unseen_modes(&map.a, &map.h).map_err(ChainError::Spectrum)?;
+    match modes.into_iter().next() {
+        Some(mode) => Err(ChainError::UnobservableOnCircle { mode }),
+        None => Ok(()),
+    }
 }
 
 /// A positive definite start sees every mode, also one without weight.
@@ -311,8 +346,13 @@ fn refuse_unreached(problems: &[Problem]) -> Result<(), ChainError> {
         columns.push(problem.b.clone());
         map = mul(&problem.a, &map);
     }
-    if !norm(&map).is_finite() || !columns.iter().all(|b| norm(b).is_finite()) {
-        return Ok(());
+    let size = columns.iter().map(norm).fold(norm(&map), f64::max);
+    if !(size.is_finite() && norm(&map).is_finite()) {
+        let norm = f64::INFINITY;
+        return Err(ChainError::Spectrum(SpectrumError::NoConvergence {
+            size: n,
+            norm,
+        }));
     }
     let width = columns.iter().map(Mat::ncols).sum();
     let mut inputs = Mat::zeros(n, width);
@@ -321,9 +361,7 @@ fn refuse_unreached(problems: &[Problem]) -> Result<(), ChainError> {
         inputs.get_mut(.., at..at + b.ncols()).copy_from(b);
         at += b.ncols();
     }
-    let Ok(found) = hautus::unreached_modes(&map, &inputs) else {
-        return Ok(());
-    };
+    let found = hautus::unreached_modes(&map, &inputs).map_err(ChainError::Spectrum)?;
     if let Some(mode) = found.unreached.into_iter().next() {
         return Err(ChainError::NotStabilisable { mode });
     }

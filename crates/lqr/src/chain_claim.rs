@@ -6,11 +6,12 @@
 
 use crate::certificate::{Certificate, Check, Rigour};
 use crate::chain::{BackwardChain, ChainError, Stage, validated};
-use crate::checks::{ExactLaw, admissibility_check, admissible, semidefinite};
+use crate::checks::{ExactLaw, admissibility_check, admissible, malformed, semidefinite};
 use crate::constraints::{Constraints, LawRow};
 use crate::dense::{add_scaled, congruence, identity, mul, norm, symmetrise};
 use crate::ellipsoid::{Ellipsoid, TerminalSetError, chain_levels};
 use crate::exact::Exact;
+use crate::input::{self, InputError};
 use crate::riccati::Problem;
 use faer::Mat;
 
@@ -43,7 +44,7 @@ impl ChainClaim {
     /// The largest nested level sets of a chain under the same constraints at every stage, the last at most `terminal_level`.
     ///
     /// # Errors
-    /// [`ChainClaimError`] for data that do not fit or a P that is not positive definite.
+    /// [`ChainClaimError`] for data that do not fit, a P that is not positive definite, a `terminal_level` that is NaN or negative.
     pub fn largest(
         stages: &[Stage<'_>],
         chain: &BackwardChain,
@@ -58,6 +59,8 @@ impl ChainClaim {
             k: chain.k.clone(),
             levels: Vec::new(),
         };
+        claim.validate_matrices().map_err(TerminalSetError::from)?;
+        input::not_negative("terminal_level", terminal_level).map_err(TerminalSetError::from)?;
         for (problem, k) in claim.problems.iter().zip(&claim.k) {
             claim
                 .constraints
@@ -84,6 +87,31 @@ impl ChainClaim {
         Ok(claim)
     }
 
+    /// As many P and K as the stages ask for, each of its shape.
+    fn validate_matrices(&self) -> Result<(), InputError> {
+        let horizon = self.problems.len();
+        counted("P", self.p.len(), horizon + 1)?;
+        counted("K", self.k.len(), horizon)?;
+        let n = self.problems[0].states();
+        for p in &self.p {
+            input::symmetric("P", p.as_ref(), n)?;
+        }
+        for (problem, k) in self.problems.iter().zip(&self.k) {
+            input::matrix("K", k.as_ref(), (problem.b.ncols(), n))?;
+        }
+        Ok(())
+    }
+
+    /// The fields are public: whoever changed them, a certificate speaks of numbers that make a claim.
+    fn validate(&self) -> Result<(), InputError> {
+        self.validate_matrices()?;
+        counted("levels", self.levels.len(), self.p.len())?;
+        for &level in &self.levels {
+            input::finite_not_negative("level", level)?;
+        }
+        Ok(())
+    }
+
     /// Checks every stage in floating point.
     #[must_use]
     pub fn certify(&self) -> Certificate {
@@ -101,6 +129,9 @@ impl ChainClaim {
     /// # Errors
     /// The exact certificate of the last try.
     pub fn provable(&self) -> Result<(Self, Certificate), Certificate> {
+        if let Err(error) = self.validate() {
+            return Err(malformed(Rigour::Exact, &error));
+        }
         let horizon = self.problems.len();
         let n = self.p[0].nrows();
         let mut sums = vec![identity(n); horizon + 1];
@@ -143,6 +174,9 @@ impl ChainClaim {
     }
 
     fn check(&self, rigour: Rigour) -> Certificate {
+        if let Err(error) = self.validate() {
+            return malformed(rigour, &error);
+        }
         let mut checks = Vec::new();
         for (i, problem) in self.problems.iter().enumerate() {
             let exact = (rigour == Rigour::Exact).then(|| ExactLaw::new(problem, &self.k[i]));
@@ -177,6 +211,17 @@ impl ChainClaim {
         };
         self.rows(i).iter().enumerate().map(check).collect()
     }
+}
+
+fn counted(name: &'static str, found: usize, expected: usize) -> Result<(), InputError> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(InputError::Shape {
+        name,
+        expected: (expected, 1),
+        found: (found, 1),
+    })
 }
 
 fn nested(i: usize, level: f64, next: f64) -> Check {

@@ -2,11 +2,12 @@
 //!
 //! The margin is always computed in floating point; an exact decision, where there is one, overrides the verdict.
 
-use crate::certificate::{Check, Rigour, Witness};
+use crate::certificate::{Certificate, Check, Rigour, Witness};
 use crate::constraints::{Constraints, LawRow};
 use crate::dense::cholesky;
 use crate::ellipsoid::Ellipsoid;
 use crate::exact::Exact;
+use crate::input::InputError;
 use crate::riccati::Problem;
 use faer::{Mat, Side};
 
@@ -59,6 +60,22 @@ impl ExactLaw {
     }
 }
 
+/// Says that the data of a claim are no data: nothing else is then tested.
+pub(crate) fn malformed(rigour: Rigour, error: &InputError) -> Certificate {
+    let check = Check {
+        name: "data".to_owned(),
+        condition: error.to_string(),
+        holds: false,
+        margin: f64::NEG_INFINITY,
+        tolerance: 0.0,
+        witness: None,
+    };
+    Certificate {
+        rigour,
+        checks: vec![check],
+    }
+}
+
 /// h^2 S - c f'f >= 0, decided exactly.
 pub(crate) fn admissible(set: &Mat<f64>, level: f64, row: &Exact, bound: f64) -> bool {
     let bound = Exact::number(bound);
@@ -103,9 +120,14 @@ pub(crate) fn admissibility_check(
 /// a <= V / |x|^2 <= b with the extreme eigenvalues, moved outwards past their rounding.
 pub(crate) fn bounds_of_cost(p: &Mat<f64>, rigour: Rigour) -> Vec<Check> {
     let n = p.nrows();
-    let values = p.self_adjoint_eigenvalues(Side::Lower).unwrap_or_default();
-    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
-    let largest = values.iter().copied().fold(0.0, f64::max);
+    // Without eigenvalues both bounds fail.
+    let (least, largest) = match p.self_adjoint_eigenvalues(Side::Lower) {
+        Ok(values) => (
+            values.iter().copied().fold(f64::INFINITY, f64::min),
+            values.iter().copied().fold(0.0, f64::max),
+        ),
+        Err(_) => (f64::NEG_INFINITY, f64::INFINITY),
+    };
     let rounding = 8.0 * n as f64 * f64::EPSILON * largest;
     let (lower, upper) = (least - rounding, largest + rounding);
     let scaled = |c: f64| Exact::identity(n).times(&Exact::number(c));

@@ -19,6 +19,14 @@ pub enum TerminalSetError {
     /// A level set of this P is not bounded, or empty.
     #[error("the shape matrix is not positive definite")]
     NotPositiveDefinite,
+    /// A set with an interior was asked for where a constraint that acts on the state has no room.
+    #[error("constraint {name} leaves no interior: bound {bound}")]
+    NoInterior {
+        /// Name of the constraint.
+        name: String,
+        /// Its bound.
+        bound: f64,
+    },
     /// The closed loop is not stable: no set around the origin is invariant.
     #[error("the closed loop has spectral radius {spectral_radius}, not below one")]
     Unstable {
@@ -88,7 +96,8 @@ impl Ellipsoid {
             if reach == 0.0 {
                 continue;
             }
-            let level = row.bound * row.bound / reach;
+            // Squared last: the square of a bound may overflow where the level does not.
+            let level = (input::finite_not_negative("bound", row.bound)? / reach.sqrt()).powi(2);
             if level < set.level {
                 let (name, kind) = (row.name.clone(), row.kind);
                 set.level = level;
@@ -111,15 +120,7 @@ impl Ellipsoid {
             return Err(InputError::Empty { name: "P" }.into());
         }
         let p = input::symmetric("P", p, p.nrows())?;
-        if level.is_nan() || level < 0.0 {
-            return Err(InputError::NotFinite {
-                name: "level",
-                row: 0,
-                col: 0,
-                value: level,
-            }
-            .into());
-        }
+        input::not_negative("level", level)?;
         let factor = cholesky(&p).ok_or(TerminalSetError::NotPositiveDefinite)?;
         Ok(Self {
             p,
@@ -164,13 +165,24 @@ impl Ellipsoid {
     /// # Errors
     /// [`InputError`] for another length or non-finite entries.
     pub fn support(&self, row: &[f64]) -> Result<f64, InputError> {
-        Ok((self.level * self.inverse_form(row)?).sqrt())
+        let reach = self.inverse_form(row)?;
+        // Also of an unbounded set.
+        Ok(if reach == 0.0 {
+            0.0
+        } else {
+            (self.level * reach).sqrt()
+        })
+    }
+
+    /// The level of a set that has a boundary.
+    fn finite_level(&self) -> Result<f64, InputError> {
+        input::finite_not_negative("level", self.level)
     }
 
     /// The point of the set where f x is largest; the origin for f = 0.
     ///
     /// # Errors
-    /// [`InputError`] for another length or non-finite entries.
+    /// [`InputError`] for another length, non-finite entries, or an infinite level with f not zero.
     pub fn extreme_point(&self, row: &[f64]) -> Result<Vec<f64>, InputError> {
         let reach = self.inverse_form(row)?;
         let n = row.len();
@@ -179,14 +191,14 @@ impl Ellipsoid {
         }
         let f = MatRef::from_column_major_slice(row, n, 1).to_owned();
         let x = cholesky_solve(&self.factor, f);
-        let scale = (self.level / reach).sqrt();
+        let scale = (self.finite_level()? / reach).sqrt();
         Ok((0..n).map(|i| x[(i, 0)] * scale).collect())
     }
 
     /// The point L^-T d sqrt(c) / |d| of the boundary in direction d of the unit ball.
     ///
     /// # Errors
-    /// [`InputError`] for another length or non-finite entries.
+    /// [`InputError`] for another length, non-finite entries, or an infinite level.
     pub fn boundary_point(&self, direction: &[f64]) -> Result<Vec<f64>, InputError> {
         let n = self.p.nrows();
         let d = input::matrix(
@@ -195,10 +207,11 @@ impl Ellipsoid {
             (n, 1),
         )?;
         let length = crate::dense::norm(&d);
+        let radius = self.finite_level()?.sqrt();
         let mut x: Vec<f64> = (0..n)
             .map(|i| {
                 if length > 0.0 {
-                    d[(i, 0)] / length * self.level.sqrt()
+                    d[(i, 0)] / length * radius
                 } else {
                     0.0
                 }
@@ -217,7 +230,8 @@ impl Ellipsoid {
         let values = self.p.self_adjoint_eigenvalues(Side::Lower).ok()?;
         let mut axes: Vec<f64> = values
             .iter()
-            .map(|lambda| (self.level / lambda).sqrt())
+            // P has a Cholesky factor; an eigenvalue below zero is rounding.
+            .map(|lambda| (self.level / lambda.max(f64::MIN_POSITIVE)).sqrt())
             .collect();
         axes.sort_by(|x, y| y.total_cmp(x));
         Some(axes)

@@ -57,9 +57,10 @@ impl UncontrollableMode {
 pub struct UnobservableMode {
     /// The eigenvalue lambda.
     pub eigenvalue: c64,
-    /// Unit vector v with Av = lambda v and Qv = 0 up to `measure`. Length n.
+    /// Unit vector v with Av = lambda v and Qv = 0 up to `measure`; with a cross term S or a singular R, Av + Bu = lambda v for the
+    /// input u that makes the stage cost vanish. Length n, in the caller's coordinates.
     pub right_eigenvector: Vec<c64>,
-    /// Smallest singular value of [A - lambda I; D Q] over 1 + |A|.
+    /// Smallest singular value of [A - lambda I; D Q] over 1 + |A| (balanced coordinates in a solver's error).
     pub measure: f64,
     /// A measure below this counts as zero.
     pub tolerance: f64,

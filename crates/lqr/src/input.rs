@@ -37,6 +37,20 @@ pub enum InputError {
         /// The entry.
         value: f64,
     },
+    /// A number that must not be negative is.
+    #[error("{name} is {value}, below zero")]
+    Negative {
+        /// Name of the argument.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A number that must not be zero is.
+    #[error("{name} is zero")]
+    Zero {
+        /// Name of the argument.
+        name: &'static str,
+    },
     /// A weight differs from its transpose by more than rounding.
     #[error("{name} is not symmetric: largest difference {difference:e}, tolerance {tolerance:e}")]
     NotSymmetric {
@@ -77,6 +91,32 @@ pub(crate) fn matrix(
         }
     }
     Ok(a.to_owned())
+}
+
+/// A number that is neither NaN nor negative; infinity passes.
+pub(crate) fn not_negative(name: &'static str, value: f64) -> Result<f64, InputError> {
+    if value.is_nan() {
+        return Err(InputError::NotFinite {
+            name,
+            row: 0,
+            col: 0,
+            value,
+        });
+    }
+    if value < 0.0 {
+        return Err(InputError::Negative { name, value });
+    }
+    Ok(value)
+}
+
+/// A number that is finite and not negative.
+pub(crate) fn finite_not_negative(name: &'static str, value: f64) -> Result<f64, InputError> {
+    matrix(
+        name,
+        MatRef::from_column_major_slice(&[value], 1, 1),
+        (1, 1),
+    )?;
+    not_negative(name, value)
 }
 
 /// A symmetrised copy of `a`, refused where it differs from its transpose by more than

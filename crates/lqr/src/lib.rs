@@ -29,6 +29,7 @@ mod spectrum;
 mod subspace;
 mod terminal_claim;
 mod verdict;
+mod zeros;
 
 pub use certificate::{Certificate, Check, Rigour, Witness};
 pub use chain::{BackwardChain, ChainError, PeriodicSolution, Stage};

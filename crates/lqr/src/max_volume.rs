@@ -25,8 +25,8 @@ const MAX_NEWTON_STEPS: usize = 400;
 /// `closed_loop` is A + BK, n x n. The level of the result is one. Its volume is optimal to a factor of 1 - 5e-7.
 ///
 /// # Errors
-/// [`TerminalSetError::Unstable`] for an unstable closed loop; `NotPositiveDefinite` where a zero limit or too few rows leave no
-/// bounded set with an interior; `NoConvergence` past the cap of Newton steps.
+/// [`TerminalSetError::Unstable`] for an unstable closed loop; `NoInterior` for a limit of zero; `NotPositiveDefinite` where too few rows leave no
+/// bounded set; `NoConvergence` past the cap of Newton steps.
 pub fn largest_volume_ellipsoid(
     closed_loop: MatRef<'_, f64>,
     rows: &[LawRow],
@@ -45,7 +45,10 @@ pub fn largest_volume_ellipsoid(
         )?;
         if norm(&f) > 0.0 {
             if !(row.bound > 0.0) {
-                return Err(TerminalSetError::NotPositiveDefinite);
+                return Err(TerminalSetError::NoInterior {
+                    name: row.name.clone(),
+                    bound: row.bound,
+                });
             }
             limits.push(add_scaled(&Mat::zeros(n, 1), 1.0 / row.bound, &f));
         }

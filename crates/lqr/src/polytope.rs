@@ -129,13 +129,19 @@ impl AdmissibleSet {
     }
 
     /// The largest `row x` over the set; infinite in an unbounded direction, `None` where the linear program did not settle.
-    #[must_use]
-    pub fn support(&self, row: &[f64]) -> Option<f64> {
-        match maximise(row, self.rows.iter().map(|r| (r.row.as_slice(), r.bound))) {
+    ///
+    /// # Errors
+    /// [`InputError`] for a row of another length or with entries that are not finite.
+    pub fn support(&self, row: &[f64]) -> Result<Option<f64>, InputError> {
+        let n = self.rows.first().map_or(row.len(), |first| first.row.len());
+        let column = MatRef::from_column_major_slice(row, row.len(), 1);
+        input::matrix("row", column, (n, 1))?;
+        let rows = self.rows.iter().map(|r| (r.row.as_slice(), r.bound));
+        Ok(match maximise(row, rows) {
             Maximum::Value(value) => Some(value),
             Maximum::Unbounded => Some(f64::INFINITY),
             Maximum::Unsettled => None,
-        }
+        })
     }
 }
 

@@ -29,13 +29,14 @@ pub struct ControllableSubspace {
 /// `1e-9` suits data with full double accuracy. `smallest_kept` and `largest_dropped` show how clear the decision was.
 ///
 /// # Errors
-/// [`InputError`] for malformed matrices.
+/// [`InputError`] for malformed matrices or a tolerance that is negative or not finite.
 pub fn controllable_subspace(
     a: MatRef<'_, f64>,
     b: MatRef<'_, f64>,
     tolerance: f64,
 ) -> Result<ControllableSubspace, InputError> {
     let (a, b) = input::pair(a, b)?;
+    input::finite_not_negative("tolerance", tolerance)?;
     let n = a.nrows();
     let mean = (0..n).map(|i| a[(i, i)] / n as f64).sum::<f64>();
     let mut shifted = add_scaled(&a, -mean, &identity(n));

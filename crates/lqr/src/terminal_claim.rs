@@ -10,7 +10,9 @@
 //! [`TerminalClaim::provable`] adds to P a multiple of the sum of A_K'^j A_K^j, some roundings in size, and lowers c by as much as it takes.
 
 use crate::certificate::{Certificate, Check, Rigour};
-use crate::checks::{ExactLaw, admissibility_check, admissible, bounds_of_cost, semidefinite};
+use crate::checks::{
+    ExactLaw, admissibility_check, admissible, bounds_of_cost, malformed, semidefinite,
+};
 use crate::constraints::{Constraints, LawRow};
 use crate::dare::{Dare, DareSolution};
 use crate::dense::{add_scaled, congruence, identity, mul, norm, symmetrise};
@@ -92,21 +94,25 @@ impl TerminalClaim {
     }
 
     fn validated(self) -> Result<Self, InputError> {
-        input::symmetric("set", self.set.as_ref(), self.problem.states())?;
-        for (name, value) in [
-            ("level", self.level),
-            ("decrease_fraction", self.decrease_fraction),
-        ] {
-            if !(value.is_finite() && value >= 0.0) {
-                return Err(InputError::NotFinite {
-                    name,
-                    row: 0,
-                    col: 0,
-                    value,
-                });
-            }
-        }
+        self.validate()?;
         Ok(self)
+    }
+
+    /// The fields are public: whoever changed them, a certificate speaks of numbers that make a claim.
+    fn validate(&self) -> Result<(), InputError> {
+        let (n, m) = (self.problem.states(), self.problem.b.ncols());
+        input::matrix("K", self.k.as_ref(), (m, n))?;
+        input::symmetric("P", self.cost.as_ref(), n)?;
+        input::symmetric("set", self.set.as_ref(), n)?;
+        input::finite_not_negative("level", self.level)?;
+        // V must fall: a fraction of zero claims nothing.
+        input::finite_not_negative("decrease_fraction", self.decrease_fraction)?;
+        if self.decrease_fraction == 0.0 {
+            return Err(InputError::Zero {
+                name: "decrease_fraction",
+            });
+        }
+        Ok(())
     }
 
     fn closed_loop(&self) -> Mat<f64> {
@@ -131,6 +137,9 @@ impl TerminalClaim {
     }
 
     fn check(&self, rigour: Rigour) -> Certificate {
+        if let Err(error) = self.validate() {
+            return malformed(rigour, &error);
+        }
         let exact = (rigour == Rigour::Exact).then(|| ExactLaw::new(&self.problem, &self.k));
         let stage = self.problem.stage_cost(&self.k);
         let closed_loop = self.closed_loop();
@@ -179,6 +188,9 @@ impl TerminalClaim {
     /// # Errors
     /// The exact certificate of the last try, which says what stays false.
     pub fn provable(&self) -> Result<(Self, Certificate), Certificate> {
+        if let Err(error) = self.validate() {
+            return Err(malformed(Rigour::Exact, &error));
+        }
         let mut claim = self.clone();
         let shared = norm(&add_scaled(&self.set, -1.0, &self.cost)) == 0.0;
         let closed_loop = self.closed_loop();

@@ -5,11 +5,12 @@ use crate::dare_error::DareError;
 use crate::dense::{cholesky, cholesky_solve, identity, norm, norm_one};
 use crate::extended_solution::{Extended, extended_residual, extended_solution};
 use crate::fixed_size::{by_states, inverse_norm_one};
-use crate::hautus::{self, Stabilisability, UncontrollableMode};
+use crate::hautus::{self, Stabilisability, UncontrollableMode, UnobservableMode};
 use crate::proved_measure::{WEAK, proved_measure};
 use crate::riccati::{Balanced, Problem, indefinite};
 use crate::routes::{ACCEPTED_RESIDUAL, Attempt, Route};
-use faer::Mat;
+use crate::zeros;
+use faer::{Mat, c64};
 
 /// Inputs with a smaller relative pivot of R + B'PB are a matter for more digits.
 const NEARLY_DEPENDENT: f64 = 1e-10;
@@ -17,6 +18,8 @@ const NEARLY_DEPENDENT: f64 = 1e-10;
 const SLOW: f64 = 0.999;
 /// A residual above this has lost digits.
 const LOST_DIGITS: f64 = 1e-11;
+/// Of a solution in extended precision: rounding P to doubles leaves eps |A_K|^2, and with a larger residual P says too little.
+const ACCEPTED_EXTENDED_RESIDUAL: f64 = 1e-4;
 
 /// The solution by ordinary arithmetic.
 pub(crate) fn in_doubles(
@@ -90,6 +93,15 @@ pub(crate) fn in_extended_precision(
     {
         return found;
     }
+    if !(relative_residual <= ACCEPTED_EXTENDED_RESIDUAL) {
+        return Err(DareError::NoConvergence {
+            relative_residual,
+            spectral_radius,
+        });
+    }
+    if spectral_radius > SLOW {
+        refuse_unseen(balanced, Some(&balanced.problem.closed_loop(&k)))?;
+    }
     let weakest_mode = hautus::unreached_modes(&balanced.problem.a, &balanced.problem.b)
         .ok()
         .and_then(|found| found.weakest);
@@ -159,7 +171,7 @@ fn accept(
         });
     }
     if spectral_radius > SLOW {
-        refuse_unseen(&balanced.problem)?;
+        refuse_unseen(balanced, Some(&candidate.closed_loop))?;
     }
     let mut weakest_mode = None;
     let proved = proved_measure(&balanced.problem, &candidate);
@@ -185,13 +197,18 @@ fn accept(
     Ok(with_warning(solution, weakest_mode))
 }
 
-fn refuse_unseen(problem: &Problem) -> Result<(), DareError> {
-    let Some(map) = problem.stage_map() else {
-        return Ok(());
+/// With a singular R the zeros are sought near the eigenvalues of `closed_loop`.
+fn refuse_unseen(balanced: &Balanced, closed_loop: Option<&Mat<f64>>) -> Result<(), DareError> {
+    let problem = &balanced.problem;
+    let found = match (problem.stage_map(), closed_loop) {
+        (Some(map), _) => hautus::unseen_modes(&map.a, &map.h).map(|m| m.into_iter().next()),
+        (None, Some(closed_loop)) => zeros::free_zero_on_circle(problem, closed_loop),
+        (None, None) => Ok(None),
     };
-    let modes = hautus::unseen_modes(&map.a, &map.h).map_err(DareError::Spectrum)?;
-    match modes.into_iter().next() {
-        Some(mode) => Err(DareError::UnobservableOnCircle { mode }),
+    match found.map_err(DareError::Spectrum)? {
+        Some(mode) => Err(DareError::UnobservableOnCircle {
+            mode: unseen_in_original_coordinates(mode, balanced),
+        }),
         None => Ok(()),
     }
 }
@@ -218,7 +235,7 @@ fn diagnose(balanced: &Balanced, best: Option<&Attempt>) -> DareError {
             }
         }
     }
-    if let Err(error) = refuse_unseen(problem) {
+    if let Err(error) = refuse_unseen(balanced, best.map(|best| &best.candidate.closed_loop)) {
         return error;
     }
     match best {
@@ -244,16 +261,27 @@ fn in_original_coordinates(
     for (w, t) in mode.left_eigenvector.iter_mut().zip(&balanced.state_scale) {
         *w *= 1.0 / t;
     }
-    let length = mode
-        .left_eigenvector
-        .iter()
-        .map(|w| w.re * w.re + w.im * w.im)
-        .sum::<f64>()
-        .sqrt();
-    for w in &mut mode.left_eigenvector {
-        *w *= 1.0 / length;
-    }
+    to_unit_length(&mut mode.left_eigenvector);
     mode
+}
+
+/// v for z = T^-1 x becomes T v for x, of unit length.
+fn unseen_in_original_coordinates(
+    mut mode: UnobservableMode,
+    balanced: &Balanced,
+) -> UnobservableMode {
+    for (v, t) in mode.right_eigenvector.iter_mut().zip(&balanced.state_scale) {
+        *v *= *t;
+    }
+    to_unit_length(&mut mode.right_eigenvector);
+    mode
+}
+
+fn to_unit_length(vector: &mut [c64]) {
+    let square: f64 = vector.iter().map(|w| w.re * w.re + w.im * w.im).sum();
+    for w in vector {
+        *w *= 1.0 / square.sqrt();
+    }
 }
 
 /// Condition number in the one-norm.

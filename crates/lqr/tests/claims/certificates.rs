@@ -203,6 +203,18 @@ fn certificate_survives_serialisation() {
     let text = serde_json::to_string(&certificate).unwrap();
     let back: Certificate = serde_json::from_str(&text).unwrap();
     assert_eq!(back.checks.len(), certificate.checks.len());
+    // A limit of zero has a margin of minus infinity.
+    let zero = Constraints::new(2, 2)
+        .with_input_box(&[0.0, -1.0], &[1.0, 1.0])
+        .unwrap();
+    let certificate_of_zero = TerminalClaim::new(&system.dare(), &solution, 1.0, zero)
+        .unwrap()
+        .certify();
+    let margin = |certificate: &Certificate| check(certificate, "u0 >= 0").margin;
+    assert_eq!(margin(&certificate_of_zero), f64::NEG_INFINITY);
+    let text = serde_json::to_string(&certificate_of_zero).unwrap();
+    let read: Certificate = serde_json::from_str(&text).unwrap();
+    assert_eq!(margin(&read), f64::NEG_INFINITY);
     assert!(!back.holds());
     assert_eq!(
         check(&back, "u0 <= 1").witness.is_some(),
@@ -264,4 +276,65 @@ fn the_terminal_level_bounds_every_level_of_the_chain() {
     let claim = sized_chain(1e-3);
     assert_eq!(claim.levels.last(), Some(&1e-3));
     assert!(claim.levels.iter().all(|&level| level <= 1e-3));
+}
+
+#[test]
+fn numbers_that_make_no_claim_are_not_proved() {
+    let system = straight_needle();
+    let solution = system.dare().solve().unwrap();
+    let good = TerminalClaim::new(&system.dare(), &solution, 1.0, Constraints::new(2, 2)).unwrap();
+    let spoilt = |spoil: fn(&mut TerminalClaim)| {
+        let mut claim = good.clone();
+        spoil(&mut claim);
+        claim
+    };
+    for claim in [
+        spoilt(|c| c.level = -1.0),
+        spoilt(|c| c.level = f64::INFINITY),
+        spoilt(|c| c.decrease_fraction = 0.0),
+        spoilt(|c| c.cost = Mat::identity(3, 3)),
+        spoilt(|c| c.set[(0, 0)] = f64::NAN),
+    ] {
+        for certificate in [
+            claim.certify(),
+            claim.prove(),
+            claim.provable().unwrap_err(),
+        ] {
+            assert!(!check(&certificate, "data").holds);
+        }
+    }
+    for level in [-1.0, f64::INFINITY, f64::NAN] {
+        let mut claim = sized_chain(1e3);
+        claim.levels[4] = level;
+        for certificate in [
+            claim.certify(),
+            claim.prove(),
+            claim.provable().unwrap_err(),
+        ] {
+            assert!(!check(&certificate, "data").holds, "{level}");
+        }
+    }
+}
+
+#[test]
+fn a_chain_of_other_shapes_is_refused() {
+    let system = straight_needle();
+    let stages = [Stage {
+        a: system.a.as_ref(),
+        b: system.b.as_ref(),
+        q: system.q.as_ref(),
+        r: system.r.as_ref(),
+    }; 3];
+    let chain = BackwardChain::solve(&stages, Mat::<f64>::identity(2, 2).as_ref()).unwrap();
+    let sized = |chain: &BackwardChain, level| {
+        ChainClaim::largest(&stages, chain, Constraints::new(2, 2), level)
+    };
+    assert!(sized(&chain, 1.0).is_ok());
+    assert!(sized(&chain, -1.0).is_err() && sized(&chain, f64::NAN).is_err());
+    let mut short = chain.clone();
+    short.k.pop();
+    assert!(sized(&short, 1.0).is_err());
+    let mut other = chain.clone();
+    other.p[3] = Mat::identity(3, 3);
+    assert!(sized(&other, 1.0).is_err());
 }

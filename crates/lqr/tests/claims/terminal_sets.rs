@@ -162,7 +162,7 @@ proptest! {
         // Invariance without the method's own programs' order: the support of every row moved one step on.
         for row in &set.rows {
             let ahead = apply(&step.transpose().to_owned(), &row.row);
-            prop_assert!(set.support(&ahead).unwrap() <= row.bound + 1e-8 * (1.0 + row.bound));
+            prop_assert!(set.support(&ahead).unwrap().unwrap() <= row.bound + 1e-8 * (1.0 + row.bound));
         }
         let ellipsoid = Ellipsoid::largest(solution.p.as_ref(), &rows).unwrap();
         for row in &set.rows {
@@ -280,9 +280,15 @@ fn one_sided_limit_keeps_the_half_line_as_a_polytope_where_the_ellipsoid_is_a_po
         )
         .unwrap();
     let set = AdmissibleSet::maximal(mat![[0.5]].as_ref(), &rows, 10).unwrap();
+    let error = largest_volume_ellipsoid(mat![[0.5]].as_ref(), &rows).unwrap_err();
+    assert!(
+        matches!(&error, lqr::TerminalSetError::NoInterior { name, .. } if name == "u0 >= 0"),
+        "{error}"
+    );
     assert_eq!(set.determination, Determination::Determined { index: 0 });
-    assert_eq!(set.support(&[1.0]), Some(0.0));
-    assert_eq!(set.support(&[-1.0]), Some(2.0));
+    assert_eq!(set.support(&[1.0]), Ok(Some(0.0)));
+    assert_eq!(set.support(&[-1.0]), Ok(Some(2.0)));
+    assert!(set.support(&[1.0, 0.0]).is_err() && set.support(&[f64::NAN]).is_err());
 }
 
 #[test]
@@ -338,4 +344,30 @@ fn a_row_that_a_later_one_implies_is_dropped() {
     let set = AdmissibleSet::maximal(a.as_ref(), &rows, 10).unwrap();
     let names: Vec<&str> = set.rows.iter().map(|row| row.name.as_str()).collect();
     assert_eq!(names, ["narrow", "lower"]);
+}
+
+#[test]
+fn an_unbounded_set_has_no_boundary_and_no_nan() {
+    let set = Ellipsoid::largest(mat![[2.0, 0.0], [0.0, 1.0]].as_ref(), &[]).unwrap();
+    assert!(set.boundary_point(&[1.0, 0.0]).is_err() && set.extreme_point(&[1.0, 0.0]).is_err());
+    assert_eq!(set.extreme_point(&[0.0, 0.0]), Ok(vec![0.0, 0.0]));
+    assert_eq!(set.support(&[0.0, 0.0]), Ok(0.0));
+    assert_eq!(set.support(&[1.0, 0.0]), Ok(f64::INFINITY));
+    assert_eq!(set.half_axes(), Some(vec![f64::INFINITY; 2]));
+}
+
+#[test]
+fn a_bound_that_is_none_is_refused() {
+    let row = |bound| lqr::LawRow {
+        name: "row".to_owned(),
+        kind: ConstraintKind::State,
+        row: vec![1e100],
+        bound,
+    };
+    let sized = |bound| Ellipsoid::largest(mat![[1.0]].as_ref(), &[row(bound)]);
+    for bound in [-1.0, f64::NAN, f64::INFINITY] {
+        assert!(sized(bound).is_err(), "{bound}");
+    }
+    // The square of the bound overflows; the level is 1e200.
+    assert!((sized(1e200).unwrap().level / 1e200 - 1.0).abs() < 1e-14);
 }
