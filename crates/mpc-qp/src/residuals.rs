@@ -10,6 +10,19 @@ use crate::problem::OcpQp;
 use crate::softening::Penalty;
 use crate::solution::Solution;
 use crate::terminal::TerminalSet;
+use nalgebra::SVector;
+
+/// Largest magnitude; NaN if some entry is, which `amax` would pass over.
+fn largest<const M: usize>(vector: &SVector<f64, M>) -> f64 {
+    let larger = |most: f64, value: f64| {
+        if value <= most || most.is_nan() {
+            most
+        } else {
+            value
+        }
+    };
+    vector.iter().map(|value| value.abs()).fold(0.0, larger)
+}
 
 /// A violation and the size of the terms that should have cancelled.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -21,20 +34,24 @@ pub struct Residual {
 }
 
 impl Residual {
-    /// `absolute / max(1, scale)`.
+    /// `absolute / max(1, scale)`, infinite unless both are finite.
     #[must_use]
     pub fn relative(&self) -> f64 {
-        self.absolute / self.scale.max(1.0)
+        if self.absolute.is_finite() && self.scale.is_finite() {
+            self.absolute / self.scale.max(1.0)
+        } else {
+            f64::INFINITY
+        }
     }
 
-    /// NaN counts as an infinite violation.
+    /// NaN and infinite scales count as infinite violations; a condition without a limit comes as minus infinity and holds.
     fn record(&mut self, violation: f64, scale: f64) {
-        self.absolute = if violation.is_nan() {
-            f64::INFINITY
+        if violation < f64::INFINITY && scale.is_finite() {
+            self.absolute = self.absolute.max(violation);
+            self.scale = self.scale.max(scale);
         } else {
-            self.absolute.max(violation)
-        };
-        self.scale = self.scale.max(scale);
+            self.absolute = f64::INFINITY;
+        }
     }
 }
 
@@ -97,10 +114,10 @@ impl Residuals {
         for k in 0..gradient.problem.horizon() {
             let of_input = gradient.input(k);
             self.stationarity
-                .record(of_input.sum.amax(), of_input.scale);
+                .record(largest(&of_input.sum), of_input.scale);
             let of_state = gradient.state(k + 1);
             self.stationarity
-                .record(of_state.sum.amax(), of_state.scale);
+                .record(largest(&of_state.sum), of_state.scale);
         }
     }
 
@@ -111,11 +128,11 @@ impl Residuals {
     ) {
         let wrong_start = solution.x[0] - problem.initial_state();
         self.dynamics
-            .record(wrong_start.amax(), problem.initial_state().amax());
+            .record(largest(&wrong_start), problem.initial_state().amax());
         for (k, stage) in problem.stages().iter().enumerate() {
             let gap = stage.successor(&solution.x[k], &solution.u[k]) - solution.x[k + 1];
             self.dynamics
-                .record(gap.amax(), solution.x[k + 1].amax().max(stage.c.amax()));
+                .record(largest(&gap), solution.x[k + 1].amax().max(stage.c.amax()));
         }
     }
 
@@ -133,8 +150,13 @@ impl Residuals {
                 return;
             }
             let distance = constraint.right + slack - constraint.left;
-            self.constraints
-                .record(-distance, constraint.left.abs().max(constraint.right.abs()));
+            // A bound far away is no term that cancels: 1e20 for "absent" must not hide the violation of another.
+            let terms = if distance < 0.0 {
+                constraint.left.abs().max(constraint.right.abs())
+            } else {
+                constraint.left.abs()
+            };
+            self.constraints.record(-distance, terms);
             self.complementarity.absolute += (multiplier * distance).abs();
             self.add_slack(problem.softening().of(constraint.group), slack, multiplier);
         });
@@ -146,7 +168,9 @@ impl Residuals {
             Penalty::Hard => self.constraints.record(slack.abs(), 0.0),
             Penalty::Exact { weight } => {
                 self.constraints.record(-slack, slack.abs());
-                self.multiplier_signs.record(multiplier - weight, weight);
+                // The multiplier as scale: a weight of 1e20 must not hide a wrong sign.
+                self.multiplier_signs
+                    .record(multiplier - weight, multiplier.abs());
                 self.complementarity.absolute += (slack * (weight - multiplier)).abs();
             }
             Penalty::Quadratic { weight } => {
@@ -174,8 +198,10 @@ impl Residuals {
                 TerminalSetMultipliers::Equality(multiplier),
                 TerminalSetSlacks::Equality(violation),
             ) => {
-                self.dynamics
-                    .record((x - target - violation).amax(), x.amax().max(target.amax()));
+                self.dynamics.record(
+                    largest(&(x - target - violation)),
+                    x.amax().max(target.amax()),
+                );
                 for i in 0..NX {
                     // The penalty is on |violation|: its multiplier has the violation's sign.
                     let along = if violation[i] == 0.0 {
@@ -209,7 +235,15 @@ impl Residuals {
                     ((cone.radius + growth) * radius + inside.dot(offset)).abs();
                 self.add_slack(penalty, *growth, *radius);
             }
-            _ => {}
+            // Of the polytope the faces are among the scalar constraints.
+            (TerminalSet::None, TerminalSetMultipliers::None, TerminalSetSlacks::None)
+            | (
+                TerminalSet::Polytope { .. },
+                TerminalSetMultipliers::Polytope(_),
+                TerminalSetSlacks::Polytope(_),
+            ) => {}
+            // An answer to another kind of problem.
+            _ => self.constraints.record(f64::INFINITY, 0.0),
         }
     }
 }

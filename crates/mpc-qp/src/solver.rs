@@ -63,6 +63,17 @@ impl SolverSettings {
     }
 }
 
+/// Worst relative residual that a `Solved` may have: the solvers apply the tolerance in their own scaling, which differs from the
+/// shared measure by up to two decades. Below 1e-12 nothing but rounding would be asked for.
+pub(crate) fn accurate_residual(tolerance: f64) -> f64 {
+    (100.0 * tolerance).max(1e-12)
+}
+
+/// Worst relative residual with which an answer is of use at all.
+pub(crate) fn usable_residual(tolerance: f64) -> f64 {
+    (1000.0 * tolerance).max(1e-5)
+}
+
 /// A solver for problems of one structure.
 pub trait OcpSolver<const NX: usize, const NU: usize> {
     /// Solves `problem` with its present values into `solution`, which holds the guess if `start` is [`Start::Warm`].

@@ -2,13 +2,18 @@
 //!
 //! Semidefiniteness is decided by a Cholesky factorisation after each diagonal entry has been raised by
 //! [`DIAGONAL_SLACK`] of itself: invariant under diagonal scaling, so weights from 1e-6 to 1e6 in one matrix are
-//! judged alike, and singular matrices computed in floating point pass.
+//! judged alike, and singular matrices computed in floating point pass. Where that refuses, rounding of the largest entry is
+//! granted to every diagonal entry: a projector tilted off an axis has small diagonal entries that are mostly cancellation.
 
 use crate::error::{Place, ProblemError};
 use nalgebra::{SMatrix, SVector};
 
 /// Relative rise of the diagonal before the definiteness test: far above rounding, far below any weight with a meaning.
 const DIAGONAL_SLACK: f64 = 1e-10;
+
+/// Roundings of the largest entry, times the size of the matrix, that a diagonal entry may be short of: what forming the matrix
+/// and factorising it leave.
+const ROUNDING_STEPS: f64 = 4.0;
 
 /// Largest difference of mirrored entries, relative to the largest entry, that counts as rounding.
 const SYMMETRY_TOLERANCE: f64 = 1e-9;
@@ -138,6 +143,9 @@ fn cholesky<const N: usize>(
         if diagonal < 0.0 || (diagonal > 0.0 && pivot <= 0.0) {
             return Err((j, pivot / diagonal.abs()));
         }
+        if diagonal == 0.0 && pivot < 0.0 {
+            return Err((j, pivot));
+        }
         let root = pivot.max(0.0).sqrt();
         for i in j + 1..N {
             let mut entry = matrix[(i, j)];
@@ -155,15 +163,29 @@ fn cholesky<const N: usize>(
     Ok(l)
 }
 
-/// The factor L of a positive semidefinite matrix, `L L' = matrix`; if singular, `L L'` has a diagonal larger by 1e-10 of itself.
+/// [`cholesky`] with the diagonal raised by a part of itself, or else by the rounding of the largest entry of the data.
+fn semidefinite<const N: usize>(
+    matrix: &SMatrix<f64, N, N>,
+    reference: &SVector<f64, N>,
+    largest: f64,
+) -> Result<SMatrix<f64, N, N>, (usize, f64)> {
+    cholesky(matrix, reference, DIAGONAL_SLACK).or_else(|refusal| {
+        let rounding = ROUNDING_STEPS * N as f64 * f64::EPSILON * largest;
+        let raised = matrix + SMatrix::from_diagonal_element(rounding);
+        cholesky(&raised, &raised.diagonal(), 0.0).map_err(|_| refusal)
+    })
+}
+
+/// The factor L of a positive semidefinite matrix, `L L' = matrix`; if singular, `L L'` has a diagonal larger by 1e-10 of itself
+/// or by the rounding of the largest entry.
 pub(crate) fn factor<const N: usize>(
     place: Place,
     field: &'static str,
     matrix: &SMatrix<f64, N, N>,
 ) -> Result<SMatrix<f64, N, N>, ProblemError> {
     let diagonal = matrix.diagonal();
-    let attempt =
-        cholesky(matrix, &diagonal, 0.0).or_else(|_| cholesky(matrix, &diagonal, DIAGONAL_SLACK));
+    let attempt = cholesky(matrix, &diagonal, 0.0)
+        .or_else(|_| semidefinite(matrix, &diagonal, matrix.amax()));
     attempt.map_err(|(row, pivot)| ProblemError::NotPositiveSemidefinite {
         place,
         field,
@@ -204,7 +226,7 @@ pub(crate) fn joint_positive_semidefinite<const NX: usize, const NU: usize>(
     if s.iter().any(|&entry| entry != 0.0) {
         complement -= w * w.transpose();
     }
-    cholesky(&complement, &q.diagonal(), DIAGONAL_SLACK).map_err(|(row, pivot)| {
+    semidefinite(&complement, &q.diagonal(), q.amax()).map_err(|(row, pivot)| {
         ProblemError::NotPositiveSemidefinite {
             place,
             field: "q, r, s",

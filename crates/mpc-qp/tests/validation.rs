@@ -161,6 +161,11 @@ fn indefinite_weights_are_refused_at_any_scale() {
                 (stage.q, stage.r[0], stage.s[0]) =
                     (Matrix2::identity() * scale, scale, 2.0 * scale);
             }),
+            refused(|stage| stage.q = Matrix2::new(1.0, 5.0, 5.0, 0.0) * scale),
+            refused(|stage| stage.q = Matrix2::new(0.0, 5.0, 5.0, 1.0) * scale),
+            // Without a weight on the state, x'S u falls without limit.
+            refused(|stage| (stage.q, stage.s[0]) = (Matrix2::zeros(), 5.0 * scale)),
+            refused_terminal(|terminal| terminal.p = Matrix2::new(1.0, 5.0, 5.0, 0.0) * scale),
             // A free input must not be coupled.
             refused(|stage| (stage.r[0], stage.s[0]) = (0.0, scale)),
             refused_terminal(|terminal| terminal.p[(0, 0)] = -scale),
@@ -186,6 +191,30 @@ fn singular_and_badly_scaled_weights_are_accepted() {
         problem.set_stage(0, &stage).is_err(),
         "determinant 1 - 1.21 < 0"
     );
+}
+
+// I - t t' weights what is across t: singular in a direction that is no axis.
+#[test]
+fn projectors_tilted_by_any_angle_are_accepted() {
+    let mut problem = problem();
+    for decade in 1..=9 {
+        for axis in [0.0, std::f64::consts::FRAC_PI_2] {
+            let angle = axis + 10.0_f64.powi(-decade);
+            let along = Vector2::new(angle.cos(), angle.sin());
+            let projector = Matrix2::identity() - along * along.transpose();
+            for weight in [1e-6, 1.0, 1e6] {
+                let mut stage = stage();
+                stage.q = projector * weight;
+                assert_eq!(problem.set_stage(0, &stage), Ok(()), "1e-{decade}");
+                let mut terminal = terminal();
+                terminal.p = projector * weight;
+                assert_eq!(problem.set_terminal(&terminal), Ok(()), "1e-{decade}");
+                // Short by far more than rounding.
+                stage.q -= Matrix2::identity() * (1e-8 * weight);
+                assert!(problem.set_stage(0, &stage).is_err(), "1e-{decade}");
+            }
+        }
+    }
 }
 
 #[test]

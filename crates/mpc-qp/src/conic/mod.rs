@@ -21,7 +21,7 @@ mod tests;
 use crate::error::SolveError;
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
-use crate::solver::{OcpSolver, SolverSettings, Start};
+use crate::solver::{OcpSolver, SolverSettings, Start, accurate_residual, usable_residual};
 use assembly::{assemble, cost_scale};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SupportedConeT};
@@ -159,13 +159,23 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for ClarabelSolver<NX, 
             .settings
             .time_limit
             .is_none_or(|limit| clock.elapsed() * 2 < limit);
-        if solution.status == SolveStatus::Solved
-            && gap > LOOSE * self.settings.tolerance
-            && in_time
+        let rest = SolverSettings {
+            max_iterations: self
+                .settings
+                .max_iterations
+                .saturating_sub(solution.iterations),
+            time_limit: self
+                .settings
+                .time_limit
+                .map(|limit| limit.saturating_sub(clock.elapsed())),
+            ..self.settings
+        };
+        let again = in_time && rest.max_iterations > 0;
+        if solution.status == SolveStatus::Solved && gap > LOOSE * self.settings.tolerance && again
         {
-            self.run_again(problem, gap, solution)?;
-        } else if in_time && self.unproved(solution.status) {
-            self.run_without_cost(problem, solution)?;
+            self.run_again(problem, gap, &rest, solution)?;
+        } else if again && self.unproved(solution.status) {
+            self.run_without_cost(problem, &rest, solution)?;
         }
         solution.time = clock.elapsed();
         solution.status = self.graded(solution);
@@ -195,15 +205,18 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         &mut self,
         problem: &OcpQp<NX, NU>,
         gap: f64,
+        rest: &SolverSettings,
         solution: &mut Solution<NX, NU>,
     ) -> Result<(), SolveError> {
         let first = solution.clone();
         let tighter = (self.settings.tolerance * self.settings.tolerance / gap).max(1e-14);
-        self.set_gap_tolerance(tighter)?;
+        self.set(rest, tighter)?;
         self.run(problem, solution);
-        self.set_gap_tolerance(self.settings.tolerance)?;
+        let usual = self.settings;
+        self.set(&usual, usual.tolerance)?;
         let iterations = first.iterations + solution.iterations;
-        if first.residuals.worst() < solution.residuals.worst() {
+        let stopped_short = !solution.status.has_solution();
+        if stopped_short || first.residuals.worst() < solution.residuals.worst() {
             *solution = first;
         }
         solution.iterations = iterations;
@@ -225,11 +238,15 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
     fn run_without_cost(
         &mut self,
         problem: &OcpQp<NX, NU>,
+        rest: &SolverSettings,
         solution: &mut Solution<NX, NU>,
     ) -> Result<(), SolveError> {
         let first = solution.clone();
         self.write(problem, 0.0)?;
+        self.set(rest, rest.tolerance)?;
         self.run(problem, solution);
+        let usual = self.settings;
+        self.set(&usual, usual.tolerance)?;
         let iterations = first.iterations + solution.iterations;
         if proof_residual(solution.status) >= proof_residual(first.status) {
             *solution = first;
@@ -238,8 +255,9 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         Ok(())
     }
 
-    fn set_gap_tolerance(&mut self, tolerance: f64) -> Result<(), SolveError> {
-        let mut settings = clarabel_settings(&self.settings);
+    /// Sets limits, and the gap tolerance apart from the others.
+    fn set(&mut self, limits: &SolverSettings, tolerance: f64) -> Result<(), SolveError> {
+        let mut settings = clarabel_settings(limits);
         (settings.tol_gap_abs, settings.tol_gap_rel) = (tolerance, tolerance);
         Ok(self
             .solver
@@ -250,11 +268,20 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
     /// The status that the shared residuals support, for all statuses that claim an answer or stopped short of one.
     fn graded(&self, solution: &Solution<NX, NU>) -> SolveStatus {
         let worst = solution.residuals.worst();
+        let tolerance = self.settings.tolerance;
         match solution.status {
             // Clarabel measures stationarity relative to |x|: an unbounded problem can drive x up until it says `Solved`.
-            SolveStatus::Solved if worst > extraction::INACCURATE => SolveStatus::NumericalTrouble,
-            SolveStatus::Solved if worst > ACCURATE * self.settings.tolerance => {
+            SolveStatus::Solved if worst > usable_residual(tolerance) => {
+                SolveStatus::NumericalTrouble
+            }
+            SolveStatus::Solved if worst > accurate_residual(tolerance) => {
                 SolveStatus::SolvedInaccurate
+            }
+            SolveStatus::PrimalInfeasible { certificate, .. }
+                if certificate.residual > LEAST_PROOF
+                    || certificate.sign_violation > PROOF_SIGNS =>
+            {
+                SolveStatus::NumericalTrouble
             }
             SolveStatus::SolvedInaccurate if worst <= self.settings.tolerance => {
                 SolveStatus::Solved
@@ -275,8 +302,13 @@ fn proof_residual(status: SolveStatus) -> f64 {
 /// Multiple of the tolerance at which the relative duality gap calls for a second pass.
 const LOOSE: f64 = 10.0;
 
-/// Multiple of the tolerance that the worst shared residual of a `Solved` may reach: Clarabel judges residuals relative to
-/// norms of whole vectors and in its own scaling, which differs from the shared measure by up to two decades.
+/// Residual of a ray above which it proves nothing: trajectories of a 1-norm of 1e4 might be feasible.
+const LEAST_PROOF: f64 = 1e-4;
+
+/// Wrong signs above which a ray proves nothing.
+const PROOF_SIGNS: f64 = 1e-7;
+
+/// Multiple of the tolerance that the residual of a ray may reach without a second look.
 const ACCURATE: f64 = 100.0;
 
 fn csc(pattern: &Pattern) -> CscMatrix<f64> {

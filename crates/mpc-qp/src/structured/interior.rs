@@ -5,7 +5,7 @@ use super::kernel::run;
 use super::passes::{Advance, Backward, ConeTerm, Factorise, Forward, Weigh};
 use super::solves::{Ray, SolveAbsolute};
 use super::sweeps::Patience;
-use crate::certificate::examine_certificate;
+use crate::certificate::{cancel_opposite_multipliers, examine_certificate};
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
 
@@ -115,6 +115,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             .costates
             .iter_mut()
             .for_each(|costate| *costate *= self.newton.cost_unit);
+        cancel_opposite_multipliers(&mut solution.multipliers);
         let (certificate, blame) = examine_certificate(problem, solution);
         if certificate.residual <= RAY_TOLERANCE && certificate.sign_violation <= RAY_TOLERANCE {
             return Some(SolveStatus::PrimalInfeasible { certificate, blame });

@@ -87,6 +87,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             rows: Channel::new(row_count, price(softening.rows, 1.0)),
             terminal: Channel::new(faces, price(softening.terminal_set, 1.0)),
             cone: None,
+            set_kind: problem.terminal().set.kind(),
             cost_unit: 1.0,
             gains: vec![Gain::ZERO; n],
             feedforward: vec![[0.0; NU]; n],
@@ -121,6 +122,8 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             self.faces.len(),
             face_count(&problem.terminal().set),
         )?;
+        let same_kind = self.set_kind == problem.terminal().set.kind();
+        mismatch("terminal set of the kind", 1, usize::from(same_kind))?;
         let softening = problem.softening();
         let soft = |channel: &Channel| usize::from(channel.price != Price::Hard);
         mismatch(

@@ -28,10 +28,12 @@ mod terms;
 mod write;
 
 use crate::error::SolveError;
+use crate::multipliers::TerminalSetMultipliers;
 use crate::problem::OcpQp;
 use crate::residuals::Residuals;
+use crate::softening::ConstraintGroup;
 use crate::solution::{Solution, SolveStatus};
-use crate::solver::{OcpSolver, SolverSettings, Start};
+use crate::solver::{OcpSolver, SolverSettings, Start, accurate_residual, usable_residual};
 use kernel::{Lanes, Phase, run};
 use newton::Newton;
 use solves::Costates;
@@ -94,7 +96,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         }
         solution.time = self.started.elapsed();
         solution.residuals = Residuals::evaluate(problem, solution);
-        solution.status = confirmed(status, solution.residuals.worst());
+        solution.status = confirmed(status, solution.residuals.worst(), self.settings.tolerance);
     }
 
     /// The careful pass after an answer that is not good enough; the better of the two stays.
@@ -158,19 +160,14 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     }
 }
 
-/// Relative residual below which an answer deserves its status.
-const ACCURATE: f64 = 1e-6;
-
-/// Relative residual below which an answer is of use at all.
-const USABLE: f64 = 1e-5;
-
 /// The status after a look at the recomputed residuals: they may confirm, downgrade or, after a stop, upgrade it.
-fn confirmed(status: SolveStatus, residual: f64) -> SolveStatus {
+fn confirmed(status: SolveStatus, residual: f64, tolerance: f64) -> SolveStatus {
+    let usable = residual <= usable_residual(tolerance);
     match status {
-        SolveStatus::Solved if residual <= ACCURATE => SolveStatus::Solved,
-        SolveStatus::Solved if residual <= USABLE => SolveStatus::SolvedInaccurate,
+        SolveStatus::Solved if residual <= accurate_residual(tolerance) => SolveStatus::Solved,
+        SolveStatus::Solved if usable => SolveStatus::SolvedInaccurate,
         SolveStatus::Solved => SolveStatus::NumericalTrouble,
-        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if residual <= USABLE => {
+        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if usable => {
             SolveStatus::SolvedInaccurate
         }
         other => other,
@@ -179,17 +176,42 @@ fn confirmed(status: SolveStatus, residual: f64) -> SolveStatus {
 
 fn all_finite<const NX: usize, const NU: usize>(solution: &Solution<NX, NU>) -> bool {
     let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
-    let multipliers = &solution.multipliers;
-    solution.x.iter().all(|x| finite(x.as_slice()))
+    let (multipliers, slacks) = (&solution.multipliers, &solution.slacks);
+    let set = match &multipliers.terminal.set {
+        TerminalSetMultipliers::None => true,
+        TerminalSetMultipliers::Equality(multiplier) => finite(multiplier.as_slice()),
+        TerminalSetMultipliers::Polytope(multipliers) => finite(multipliers),
+        TerminalSetMultipliers::Ellipsoid { radius, offset } => {
+            radius.is_finite() && finite(offset.as_slice())
+        }
+    };
+    let inputs = multipliers.stages.iter().all(|stage| {
+        [&stage.u_min, &stage.u_max, &stage.du_min, &stage.du_max]
+            .iter()
+            .all(|bounds| finite(bounds.as_slice()))
+            && finite(&stage.rows)
+    });
+    let of_states = multipliers
+        .stages
+        .iter()
+        .map(|stage| [&stage.x_min, &stage.x_max])
+        .chain([[&multipliers.terminal.x_min, &multipliers.terminal.x_max]])
+        .chain(
+            slacks
+                .stages
+                .iter()
+                .map(|stage| [&stage.x_min, &stage.x_max]),
+        )
+        .chain([[&slacks.terminal.x_min, &slacks.terminal.x_max]])
+        .flatten();
+    set && inputs
+        && of_states
+            .chain(&solution.x)
+            .chain(&multipliers.costates)
+            .all(|x| finite(x.as_slice()))
+        && slacks.stages.iter().all(|stage| finite(&stage.rows))
+        && slacks.largest(ConstraintGroup::TerminalSet).is_finite()
         && solution.u.iter().all(|u| finite(u.as_slice()))
-        && multipliers
-            .costates
-            .iter()
-            .all(|costate| finite(costate.as_slice()))
-        && multipliers
-            .stages
-            .iter()
-            .all(|stage| finite(stage.u_max.as_slice()) && finite(stage.u_min.as_slice()))
 }
 
 impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX, NU> {
@@ -205,8 +227,8 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
         solution.check_shape(problem)?;
         run(Load(&mut self.newton, problem));
         let settled = match start {
-            Start::Warm => self.warm_sweeps(solution),
-            Start::Cold => false,
+            Start::Warm if all_finite(solution) => self.warm_sweeps(solution),
+            Start::Warm | Start::Cold => false,
         };
         let status = if settled || self.cold_sweeps() {
             SolveStatus::Solved

@@ -50,6 +50,8 @@ pub(super) struct Newton<const NX: usize, const NU: usize> {
     pub(super) terminal: Channel,
     /// Terminal ellipsoid.
     pub(super) cone: Option<Cone<NX>>,
+    /// The kind of terminal set that the memory was made for.
+    pub(super) set_kind: &'static str,
     /// The problem's cost over the cost in here, whose curvature in the inputs is about one.
     pub(super) cost_unit: f64,
     /// Factorised stages.

@@ -48,6 +48,8 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     pub(super) fn cold_sweeps(&mut self) -> bool {
         for channel in self.newton.channels() {
             channel.omega = OMEGA;
+            // What a warm attempt left.
+            channel.fixed.iter_mut().for_each(|fixed| fixed.y = 0.0);
         }
         for channel in self.newton.channels() {
             channel.center(0.0);

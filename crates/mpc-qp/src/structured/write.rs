@@ -112,6 +112,14 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                 );
                 let to = &mut solution.slacks.stages[k];
                 write_pairs(&self.states, k - 1, slacks, &mut to.x_min, &mut to.x_max);
+            } else {
+                let slack = &mut solution.slacks.stages[k];
+                for unused in [&mut to.x_min, &mut to.x_max] {
+                    unused.fill(0.0);
+                }
+                for unused in [&mut slack.x_min, &mut slack.x_max] {
+                    unused.fill(0.0);
+                }
             }
         }
         if self.states.any() {
@@ -125,6 +133,17 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             );
             let to = &mut solution.slacks.terminal;
             write_pairs(&self.states, n - 1, slacks, &mut to.x_min, &mut to.x_max);
+        } else {
+            let (multipliers, slack) = (
+                &mut solution.multipliers.terminal,
+                &mut solution.slacks.terminal,
+            );
+            for unused in [&mut multipliers.x_min, &mut multipliers.x_max] {
+                unused.fill(0.0);
+            }
+            for unused in [&mut slack.x_min, &mut slack.x_max] {
+                unused.fill(0.0);
+            }
         }
         self.write_fixed_multipliers(solution);
         self.write_terminal_set(solution);

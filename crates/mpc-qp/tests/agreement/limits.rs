@@ -1,9 +1,11 @@
-//! Iteration and time limits hold in every phase.
+//! What settings, guesses and refills promise: limits hold in every phase, nothing is left over from a guess or a refill.
 
 use crate::structured;
 use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::problems::tracking::Tracking;
-use mpc_qp::{OcpSolver, Solution, SolveStatus, SolverSettings, Start, StructuredSolver};
+use mpc_qp::{
+    OcpSolver, Solution, SolveError, SolveStatus, SolverSettings, Start, StructuredSolver,
+};
 
 #[test]
 fn no_phase_takes_more_iterations_than_allowed() {
@@ -48,4 +50,120 @@ fn time_limit_is_a_status_with_finite_numbers() {
                 .all(|u| u.iter().all(|value| value.is_finite()))
         );
     }
+}
+
+#[test]
+fn every_tolerance_is_met_and_called_solved() {
+    let problem = Tracking::default()
+        .problem(Tracking::start(4), 20, true)
+        .unwrap();
+    for tolerance in [1e-3, 1e-6, 1e-10] {
+        let settings = SolverSettings {
+            tolerance,
+            ..SolverSettings::default()
+        };
+        let mut solution = Solution::new(&problem);
+        let mut solver = StructuredSolver::new(&problem, settings).unwrap();
+        solver.solve(&problem, Start::Cold, &mut solution).unwrap();
+        assert_eq!(solution.status, SolveStatus::Solved, "{tolerance:e}");
+        // Two decades between the solver's scaling and the shared measure.
+        let worst = solution.residuals.worst();
+        assert!(worst <= 100.0 * tolerance, "{worst:e} for {tolerance:e}");
+    }
+}
+
+// Where few solve, agreement of the solved ones says little.
+#[test]
+fn badly_scaled_problems_are_nearly_all_solved() {
+    let solved = (0..300)
+        .filter(|&seed| {
+            let recipe = Recipe::badly_scaled(seed, 30);
+            let problem = random::problem::<4, 2>(seed, &recipe).unwrap();
+            structured(&problem).status == SolveStatus::Solved
+        })
+        .count();
+    assert!(solved * 100 >= 98 * 300, "{solved} of 300");
+}
+
+#[test]
+fn guess_that_is_not_finite_gives_the_cold_answer() {
+    let problem = Tracking::default()
+        .problem(Tracking::start(5), 20, true)
+        .unwrap();
+    let cold = structured(&problem);
+    let spoils: [fn(&mut Solution<6, 2>); 4] = [
+        |guess| guess.u[3][0] = f64::NAN,
+        |guess| guess.multipliers.stages[2].du_max[1] = f64::NAN,
+        |guess| guess.multipliers.stages[4].x_min[0] = f64::INFINITY,
+        |guess| guess.slacks.terminal.x_max[5] = f64::NAN,
+    ];
+    for spoil in spoils {
+        let mut guess = cold.clone();
+        spoil(&mut guess);
+        let mut solver = StructuredSolver::new(&problem, SolverSettings::default()).unwrap();
+        solver.solve(&problem, Start::Warm, &mut guess).unwrap();
+        assert_eq!((guess.status, &guess.u), (SolveStatus::Solved, &cold.u));
+    }
+}
+
+#[test]
+fn state_bounds_that_vanish_leave_no_multipliers() {
+    let mut problem = Tracking::default()
+        .problem(Tracking::start(5), 20, false)
+        .unwrap();
+    let mut solution = structured(&problem);
+    let mut stage = problem.stages()[3].clone();
+    stage.x_min.fill(f64::NEG_INFINITY);
+    stage.x_max.fill(f64::INFINITY);
+    let free = stage.clone();
+    // A little less than it reaches without a bound.
+    let component = solution.x[3].iamax();
+    let reached = solution.x[3][component];
+    let size = reached.abs() * 0.999;
+    (stage.x_min[component], stage.x_max[component]) = (-size, size);
+    problem.set_stage(3, &stage).unwrap();
+    let mut solver = StructuredSolver::new(&problem, SolverSettings::default()).unwrap();
+    solver.solve(&problem, Start::Cold, &mut solution).unwrap();
+    let at_bound = |solution: &Solution<6, 2>| {
+        let stage = &solution.multipliers.stages[3];
+        stage.x_min.amax().max(stage.x_max.amax())
+    };
+    assert!(at_bound(&solution) > 0.0, "the bound is not active");
+    problem.set_stage(3, &free).unwrap();
+    for _ in 0..2 {
+        solver.solve(&problem, Start::Cold, &mut solution).unwrap();
+        assert_eq!(
+            (solution.status, at_bound(&solution)),
+            (SolveStatus::Solved, 0.0)
+        );
+    }
+}
+
+// An absent bound may be written as 1e20: no violation of another may pass beside it.
+#[test]
+fn violations_show_beside_a_bound_of_1e20() {
+    let mut problem = Tracking::default()
+        .problem(Tracking::start(5), 20, false)
+        .unwrap();
+    let mut stage = problem.stages()[7].clone();
+    stage.u_max[1] = 1e20;
+    problem.set_stage(7, &stage).unwrap();
+    let good = structured(&problem);
+    let mut bad = good.clone();
+    bad.u[3][0] = problem.stages()[3].u_max[0] + 1.0;
+    bad.evaluate(&problem);
+    assert!(bad.residuals.constraints.relative() > 1e-3, "{bad:?}");
+}
+
+#[test]
+fn answer_to_another_kind_of_terminal_set_is_never_good() {
+    let tracking = Tracking::default();
+    let cone = tracking.problem(Tracking::start(5), 20, true).unwrap();
+    let free = tracking.problem(Tracking::start(5), 20, false).unwrap();
+    let mut solution = structured(&free);
+    solution.evaluate(&cone);
+    assert_eq!(solution.residuals.worst(), f64::INFINITY);
+    let mut solver = StructuredSolver::new(&free, SolverSettings::default()).unwrap();
+    let refused = solver.solve(&cone, Start::Cold, &mut Solution::new(&cone));
+    assert!(matches!(refused, Err(SolveError::SolverShape { .. })));
 }

@@ -8,8 +8,8 @@ mod limits;
 use mpc_qp::problems::random::{self, Recipe, SetKind};
 use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{
-    ClarabelSolver, OcpQp, OcpSolver, Solution, SolveStatus, SolverSettings, Start,
-    StructuredSolver, TerminalSetMultipliers,
+    ClarabelSolver, ConstraintGroup, OcpQp, OcpSolver, Solution, SolveStatus, SolverSettings,
+    Start, StructuredSolver, TerminalSetMultipliers,
 };
 use nalgebra::{Vector2, Vector6};
 use proptest::prelude::*;
@@ -63,10 +63,12 @@ fn agree<const NX: usize, const NU: usize>(seed: u64) -> Result<Option<f64>, Tes
             "Clarabel {NX}/{NU}: {:?}",
             theirs.status
         );
-        let SolveStatus::PrimalInfeasible { certificate, .. } = ours.status else {
+        let SolveStatus::PrimalInfeasible { certificate, blame } = ours.status else {
             return Err(TestCaseError::fail(format!("{NX}/{NU}: {:?}", ours.status)));
         };
         prop_assert!(certificate.residual <= 1e-7 && certificate.sign_violation <= 1e-7);
+        let planted = recipe.contradiction.unwrap_or(ConstraintGroup::Rows);
+        prop_assert!(blame.names(planted), "{planted} not in {blame:?}");
         return Ok(None);
     }
     let ordinary = recipe.weight_decades == 0.0;
