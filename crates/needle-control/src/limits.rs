@@ -94,7 +94,9 @@ impl InputLimits {
             };
             let reach = rate * dt_s.max(0.0);
             if reach.is_finite() {
-                previous + (wanted - previous).clamp(-reach, reach)
+                // Between the two: the sum may round past what is wanted, and out of the box.
+                let (low, high) = (previous.min(wanted), previous.max(wanted));
+                (previous + (wanted - previous).clamp(-reach, reach)).clamp(low, high)
             } else {
                 wanted
             }

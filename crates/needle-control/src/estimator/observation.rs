@@ -58,9 +58,10 @@ impl Observation {
     pub(crate) fn normalised(self) -> Option<Self> {
         match self {
             Self::Position(p) => p.sum().is_finite().then_some(self),
-            Self::Tangent(t) => t
+            // By the largest entry first: squares of 1e200 overflow, those of 1e-200 vanish.
+            Self::Tangent(t) => (t / t.amax())
                 .try_normalize(f64::MIN_POSITIVE)
-                .filter(|t| t.sum().is_finite())
+                .filter(|t| t.iter().all(|x| x.is_finite()))
                 .map(Self::Tangent),
         }
     }
