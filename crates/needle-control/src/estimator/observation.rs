@@ -154,6 +154,18 @@ fn tail_of_three(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn tangents_of_any_length_have_a_direction() {
+        for length in [1e-310, 1e-200, 1.0, 1e200, 1e308] {
+            let seen = Observation::Tangent(Vector3::new(0.0, 0.0, -length)).normalised();
+            assert_eq!(seen, Some(Observation::Tangent(-Vector3::z())), "{length}");
+        }
+        for nothing in [0.0, f64::NAN, f64::INFINITY] {
+            let seen = Observation::Tangent(Vector3::new(0.0, nothing, 0.0)).normalised();
+            assert_eq!(seen, None, "{nothing}");
+        }
+    }
     use nalgebra::Vector6;
 
     #[test]

@@ -191,7 +191,8 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         self.chosen
     }
 
-    /// What is claimed of the terminal ingredients, check by check; `None` without any.
+    /// What is claimed of the terminal ingredients, check by check; `None` without a terminal set. The claims are about the
+    /// model's curvature: an estimate that differs voids them.
     #[must_use]
     pub fn certificate(&self) -> Option<&Certificate> {
         self.ingredients.certificate.as_ref()

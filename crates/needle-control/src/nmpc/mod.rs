@@ -125,8 +125,8 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         self.chosen.choice
     }
 
-    /// What is claimed of the terminal ingredients, check by check; `None` without any. The last check is about the needle itself, the
-    /// others about the linearised one.
+    /// What is claimed of the terminal ingredients, check by check; `None` without a terminal set. The last check is about the needle
+    /// itself, the others about the linearised one. All are about the model's curvature: an estimate that differs voids them.
     #[must_use]
     pub fn certificate(&self) -> Option<&Certificate> {
         self.chosen.ingredients.certificate.as_ref()
