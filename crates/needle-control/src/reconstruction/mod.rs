@@ -225,7 +225,7 @@ impl<'a> Search<'a> {
             omega_rad_s: u[1],
         };
         let inputs: Vec<_> = self.solution.u.iter().map(moved).collect();
-        let moves = self.solution.x.iter().map(|x| x.amax());
+        let moves = self.solution.x.iter().map(nalgebra::Matrix::amax);
         let changes = inputs.iter().zip(&self.inputs).map(|(new, old)| {
             let change = Vector2::new(new.v_mm_s - old.v_mm_s, new.omega_rad_s - old.omega_rad_s);
             change.amax()
