@@ -88,4 +88,7 @@ pub trait OcpSolver<const NX: usize, const NU: usize> {
         start: Start,
         solution: &mut Solution<NX, NU>,
     ) -> Result<(), SolveError>;
+
+    /// Replaces the wall time for one solve from now on, `None` for no limit. A solver that cannot stop early ignores it.
+    fn set_time_limit(&mut self, _limit: Option<Duration>) {}
 }

@@ -44,7 +44,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut held = Input::ZERO;
     loop {
         let now_s = robot.now_s();
-        filter.advance(held, now_s);
+        // The belief is that of the first sample.
+        if now_s > 0.0 {
+            filter.advance(held, now_s);
+        }
         for (observation, taken_at_s) in robot.images() {
             filter.observe(observation, taken_at_s);
         }

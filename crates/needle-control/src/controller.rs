@@ -53,8 +53,10 @@ pub enum Origin {
 /// Why a controller brings the needle to rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopReason {
-    /// The end of the path is reached.
+    /// The end of the path is reached. Said of every later sample too, wherever the tip seems to be.
     PathEnd,
+    /// The path's time is over for good and the tip has not come to its end.
+    OutOfTime,
     /// Neither this step nor a plan that is young enough gives an input.
     NoPlan,
     /// No usable measurement for longer than the configuration allows.
@@ -81,7 +83,8 @@ pub struct ControlStep<'a> {
     pub input: Input,
     /// Where it comes from.
     pub origin: Origin,
-    /// Poses that the controller expects from now on, the present one first; empty for a law without a prediction.
+    /// Poses of the plan applied, from the present sample on, one a sample; shorter for a shifted plan, empty for a stop and for a law
+    /// without a prediction.
     pub predicted: &'a [Pose],
     /// The solver's work.
     pub statistics: SolverStatistics,

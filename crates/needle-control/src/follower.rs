@@ -37,10 +37,10 @@ impl Follower {
         sample
     }
 
-    /// The input of a sample without need or ground for a new plan: the end of the path, or no measurement.
+    /// The input of a sample without need or ground for a new plan: the end of the path or of its time, or no measurement.
     pub(crate) fn without_plan(&mut self, sample: &Sample) -> Option<(Input, Origin)> {
-        if self.tracker.finished(sample.pose.as_ref()) {
-            return Some(self.guard.stop(sample, StopReason::PathEnd));
+        if let Some(reason) = self.tracker.finished(sample.pose.as_ref()) {
+            return Some(self.guard.stop(sample, reason));
         }
         match sample.pose {
             Some(_) => None,

@@ -94,7 +94,9 @@ impl InputLimits {
             };
             let reach = rate * dt_s.max(0.0);
             if reach.is_finite() {
-                previous + (wanted - previous).clamp(-reach, reach)
+                // Between the two: the sum may round past what is wanted, and out of the box.
+                let (low, high) = (previous.min(wanted), previous.max(wanted));
+                (previous + (wanted - previous).clamp(-reach, reach)).clamp(low, high)
             } else {
                 wanted
             }
@@ -197,5 +199,28 @@ mod tests {
                 omega_rad_s: -std::f64::consts::TAU
             }
         );
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn admissible_input_is_in_the_box_to_the_last_bit(
+            sizes in proptest::array::uniform5(0.0..30.0_f64),
+            wanted in proptest::collection::vec((-50.0..50.0_f64, -50.0..50.0_f64), 1..30),
+            dt_s in 1e-3..0.3_f64,
+        ) {
+            let limits = InputLimits {
+                v_min_mm_s: -sizes[0],
+                v_max_mm_s: sizes[1],
+                omega_max_rad_s: sizes[2],
+                v_rate_max_mm_s2: 10.0 * sizes[3],
+                omega_rate_max_rad_s2: 10.0 * sizes[4],
+            };
+            let mut input = REST;
+            for (v_mm_s, omega_rad_s) in wanted {
+                input = limits.admissible(Input { v_mm_s, omega_rad_s }, input, dt_s);
+                proptest::prop_assert!((-sizes[0]..=sizes[1]).contains(&input.v_mm_s), "{input:?}");
+                proptest::prop_assert!(input.omega_rad_s.abs() <= sizes[2], "{input:?}");
+            }
+        }
     }
 }

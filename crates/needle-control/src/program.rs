@@ -10,7 +10,7 @@ use mpc_qp::{
     Start, StructuredSolver, Terminal, TerminalSet,
 };
 use nalgebra::{SMatrix, SVector};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Where the plan is to end, `(x - center)'shape (x - center) <= level`, and what ties its last stage to the law that takes over.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,7 +84,13 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Program<S, NX> {
         })
     }
 
-    fn solve(&mut self, account: &mut Account) {
+    fn solve(&mut self, account: &mut Account, remaining: Option<Duration>) {
+        if remaining.is_some_and(|remaining| remaining.is_zero()) {
+            account.status = SolveStatus::TimeLimit;
+            self.start = Start::Cold;
+            return;
+        }
+        self.solver.set_time_limit(remaining);
         let solved = self
             .solver
             .solve(&self.problem, self.start, &mut self.solution);
@@ -199,8 +205,13 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Programs<S, NX> {
         &mut self.free.problem
     }
 
-    /// Solves what [`Self::problem_mut`] was filled with, toward a goal if there is one.
-    pub(crate) fn solve(&mut self, goal: Option<&Goal<NX>>) -> Account {
+    /// Solves what [`Self::problem_mut`] was filled with, toward a goal if there is one, both within `remaining`.
+    pub(crate) fn solve(
+        &mut self,
+        goal: Option<&Goal<NX>>,
+        remaining: Option<Duration>,
+    ) -> Account {
+        let started = Instant::now();
         let mut account = Account {
             status: SolveStatus::NumericalTrouble,
             solves: 0,
@@ -208,7 +219,7 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Programs<S, NX> {
             violation: 0.0,
         };
         self.bound_in_force = false;
-        self.free.solve(&mut account);
+        self.free.solve(&mut account, remaining);
         let (Some(goal), Some(bound)) = (goal, &mut self.bound) else {
             return account;
         };
@@ -230,7 +241,8 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Programs<S, NX> {
         );
         let of_free = account;
         if filled.is_ok() {
-            bound.solve(&mut account);
+            let left = remaining.map(|time| time.saturating_sub(started.elapsed()));
+            bound.solve(&mut account, left);
         }
         self.bound_in_force = filled.is_ok() && account.status.has_solution();
         match account.status {

@@ -203,9 +203,16 @@ impl Experiment {
                 nearest: &nearest,
                 took,
             });
-            let reason = StopReason::PathEnd;
-            if origin == (Origin::Stop { reason }) && held == Input::ZERO {
-                ending = Ending::Finished;
+            let ended = match origin {
+                Origin::Stop { reason } if held == Input::ZERO => match reason {
+                    StopReason::PathEnd => Some(Ending::Finished),
+                    StopReason::OutOfTime => Some(Ending::DurationOver),
+                    StopReason::NoPlan | StopReason::NoMeasurement => None,
+                },
+                _ => None,
+            };
+            if let Some(ended) = ended {
+                ending = ended;
                 break;
             }
             let first_substep = step as u64 * scenario.plant.substeps;

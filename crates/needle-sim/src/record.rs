@@ -49,6 +49,8 @@ pub enum OriginRecord {
     ShiftedPlan,
     /// A stop at the end of the path.
     StopPathEnd,
+    /// A stop after the path's time, short of its end.
+    StopOutOfTime,
     /// A stop for want of a plan.
     StopNoPlan,
     /// A stop for want of a measurement.
@@ -211,6 +213,7 @@ impl OriginRecord {
             Self::Degraded => "degraded",
             Self::ShiftedPlan => "shifted_plan",
             Self::StopPathEnd => "stop_path_end",
+            Self::StopOutOfTime => "stop_out_of_time",
             Self::StopNoPlan => "stop_no_plan",
             Self::StopNoMeasurement => "stop_no_measurement",
         }
@@ -238,6 +241,7 @@ impl From<&Origin> for OriginRecord {
             Origin::ShiftedPlan { .. } => Self::ShiftedPlan,
             Origin::Stop { reason } => match reason {
                 StopReason::PathEnd => Self::StopPathEnd,
+                StopReason::OutOfTime => Self::StopOutOfTime,
                 StopReason::NoPlan => Self::StopNoPlan,
                 StopReason::NoMeasurement => Self::StopNoMeasurement,
             },

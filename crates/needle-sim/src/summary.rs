@@ -67,7 +67,10 @@ impl Tally {
             OriginRecord::ShiftedPlan => self.shifted_plan += 1,
             OriginRecord::StopNoPlan => self.no_plan += 1,
             OriginRecord::StopNoMeasurement => self.no_measurement += 1,
-            OriginRecord::Optimal | OriginRecord::Law | OriginRecord::StopPathEnd => {}
+            OriginRecord::Optimal
+            | OriginRecord::Law
+            | OriginRecord::StopPathEnd
+            | OriginRecord::StopOutOfTime => {}
         }
         if nearest.progress_mm > SETTLING_SHARE * self.length_mm {
             self.settled_mm.push(nearest.distance_mm);

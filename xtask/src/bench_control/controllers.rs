@@ -22,11 +22,26 @@ pub(super) const NAMES: [&str; 7] = [
     "feed-forward",
 ];
 
-/// The path of a case as the needle executes it.
-pub(super) fn executed(case: &Case) -> Result<ReferencePath, CaseError> {
-    if case.executable {
-        return Ok(case.path.clone());
+/// Executed paths found so far: most cases share one curve.
+#[derive(Debug, Default)]
+pub(super) struct ExecutedPaths(Vec<(ReferencePath, ReferencePath)>);
+
+impl ExecutedPaths {
+    /// The path of a case as the needle executes it.
+    pub(super) fn of(&mut self, case: &Case) -> Result<ReferencePath, CaseError> {
+        if case.executable {
+            return Ok(case.path.clone());
+        }
+        if let Some((_, executed)) = self.0.iter().find(|(path, _)| *path == case.path) {
+            return Ok(executed.clone());
+        }
+        let executed = executed(case)?;
+        self.0.push((case.path.clone(), executed.clone()));
+        Ok(executed)
     }
+}
+
+fn executed(case: &Case) -> Result<ReferencePath, CaseError> {
     let positions: Vec<_> = case
         .path
         .poses()

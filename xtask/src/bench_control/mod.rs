@@ -6,7 +6,7 @@ mod closed_loop;
 mod controllers;
 mod golden;
 
-use cases::CaseError;
+use cases::{CaseError, Sensing};
 use closed_loop::Score;
 use needle_sim::output::OutputError;
 use std::io::Write;
@@ -45,6 +45,8 @@ pub(crate) enum BenchError {
 #[derive(Debug, Clone)]
 struct Row {
     case: &'static str,
+    /// Whether the controller sees noise or an estimate.
+    noisy: bool,
     controller: &'static str,
     score: Score,
 }
@@ -52,6 +54,7 @@ struct Row {
 /// Computes, then prints, checks or blesses.
 pub(crate) fn run(args: &Args) -> Result<(), BenchError> {
     let mut rows = Vec::new();
+    let mut executed_paths = controllers::ExecutedPaths::default();
     for case in cases::all().map_err(BenchError::Setup)? {
         let of = |controller| {
             move |source| BenchError::Run {
@@ -60,13 +63,14 @@ pub(crate) fn run(args: &Args) -> Result<(), BenchError> {
                 source,
             }
         };
-        let executed = controllers::executed(&case).map_err(of("reconstruction"))?;
+        let executed = executed_paths.of(&case).map_err(of("reconstruction"))?;
         for controller in controllers::NAMES {
             let score = controllers::make(controller, &case, &executed)
                 .and_then(|mut made| closed_loop::run(&case, made.as_mut()))
                 .map_err(of(controller))?;
             rows.push(Row {
                 case: case.name,
+                noisy: case.sensing != (Sensing::Pose { noise_mm: 0.0 }),
                 controller,
                 score,
             });
@@ -96,6 +100,7 @@ fn print(rows: &[Row]) -> std::io::Result<()> {
         case,
         controller,
         score,
+        ..
     } in rows
     {
         writeln!(

@@ -27,7 +27,7 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SupportedConeT};
 use layout::Layout;
 use pattern::Pattern;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use target::{Indices, Values};
 
 /// Clarabel with the sparse pattern of one problem structure.
@@ -144,6 +144,10 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
 }
 
 impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for ClarabelSolver<NX, NU> {
+    fn set_time_limit(&mut self, limit: Option<Duration>) {
+        self.settings.time_limit = limit;
+    }
+
     fn solve(
         &mut self,
         problem: &OcpQp<NX, NU>,

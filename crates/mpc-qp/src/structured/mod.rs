@@ -37,7 +37,7 @@ use crate::solver::{OcpSolver, SolverSettings, Start, accurate_residual, usable_
 use kernel::{Lanes, Phase, run};
 use newton::Newton;
 use solves::Costates;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Structured interior-point solver.
 #[derive(Clone, Debug)]
@@ -215,6 +215,10 @@ fn all_finite<const NX: usize, const NU: usize>(solution: &Solution<NX, NU>) -> 
 }
 
 impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX, NU> {
+    fn set_time_limit(&mut self, limit: Option<Duration>) {
+        self.settings.time_limit = limit;
+    }
+
     fn solve(
         &mut self,
         problem: &OcpQp<NX, NU>,

@@ -58,9 +58,10 @@ impl Observation {
     pub(crate) fn normalised(self) -> Option<Self> {
         match self {
             Self::Position(p) => p.sum().is_finite().then_some(self),
-            Self::Tangent(t) => t
+            // By the largest entry first: squares of 1e200 overflow, those of 1e-200 vanish.
+            Self::Tangent(t) => (t / t.amax())
                 .try_normalize(f64::MIN_POSITIVE)
-                .filter(|t| t.sum().is_finite())
+                .filter(|t| t.iter().all(|x| x.is_finite()))
                 .map(Self::Tangent),
         }
     }
@@ -153,6 +154,18 @@ fn tail_of_three(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn tangents_of_any_length_have_a_direction() {
+        for length in [1e-310, 1e-200, 1.0, 1e200, 1e308] {
+            let seen = Observation::Tangent(Vector3::new(0.0, 0.0, -length)).normalised();
+            assert_eq!(seen, Some(Observation::Tangent(-Vector3::z())), "{length}");
+        }
+        for nothing in [0.0, f64::NAN, f64::INFINITY] {
+            let seen = Observation::Tangent(Vector3::new(0.0, nothing, 0.0)).normalised();
+            assert_eq!(seen, None, "{nothing}");
+        }
+    }
     use nalgebra::Vector6;
 
     #[test]

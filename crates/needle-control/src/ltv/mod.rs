@@ -36,6 +36,7 @@ pub struct LinearController<S, const NX: usize> {
     regulator: Regulator<S, NX>,
     ingredients: Ingredients,
     chosen: TerminalChoice,
+    /// Poses of the last plan that was applied, from its own sample on.
     predicted: Vec<Pose>,
     /// Error of the last pose that was solved from.
     present: Vector6<f64>,
@@ -157,13 +158,14 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         for (i, &coordinate) in coordinates.iter().enumerate() {
             q[(i, i)] = weights.error[coordinate];
         }
+        let start = path.poses().first().copied().unwrap_or_else(Pose::identity);
         let stage = weighted_stage(&q, &weights.of_input(), &weights.of_change());
         Ok(Self {
             coordinates,
             follower: Follower::new(
                 needle,
                 Tracker::new(path, tracking, dt_s, horizon),
-                Guard::new(survival, limits, dt_s, horizon),
+                Guard::new(survival, limits, dt_s, horizon, start),
             ),
             regulator: Regulator::new(stage, horizon, limits, dt_s, &ingredients, make_solver)?,
             ingredients,
@@ -189,7 +191,8 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         self.chosen
     }
 
-    /// What is claimed of the terminal ingredients, check by check; `None` without any.
+    /// What is claimed of the terminal ingredients, check by check; `None` without a terminal set. The claims are about the
+    /// model's curvature: an estimate that differs voids them.
     #[must_use]
     pub fn certificate(&self) -> Option<&Certificate> {
         self.ingredients.certificate.as_ref()
@@ -219,7 +222,9 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         if let Some(step) = self.follower.without_plan(&sample) {
             return step;
         }
-        let origin = sample.pose.and_then(|pose| self.solve(&pose, &sample));
+        let origin = sample
+            .pose
+            .and_then(|pose| self.solve(&pose, &sample, started));
         let Follower { tracker, guard, .. } = &mut self.follower;
         match origin {
             Some(origin) if !guard.late(started.elapsed()) => {
@@ -234,7 +239,7 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         }
     }
 
-    /// Moves guesses and prediction by the whole steps that have passed since the last sample.
+    /// Moves guesses by the whole steps that have passed since the last sample.
     fn shift(&mut self, elapsed_s: f64) {
         let (dt_s, horizon) = (self.configuration.dt_s, self.configuration.horizon);
         let steps = ((self.lag_s + elapsed_s) / dt_s)
@@ -242,11 +247,10 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
             .clamp(0.0, horizon as f64);
         self.lag_s = (self.lag_s + elapsed_s - steps * dt_s).clamp(-dt_s, dt_s);
         self.regulator.shift(steps as usize);
-        self.predicted.copy_within(steps as usize.., 0);
     }
 
     /// Solves from a pose; `None` without a usable answer.
-    fn solve(&mut self, pose: &Pose, sample: &Sample) -> Option<Origin> {
+    fn solve(&mut self, pose: &Pose, sample: &Sample, started: Instant) -> Option<Origin> {
         self.linearise().ok()?;
         let Follower { tracker, guard, .. } = &self.follower;
         // The deviation applied last was one from the reference's input at that time.
@@ -267,7 +271,12 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
         let end_step = tracker.step() + self.configuration.horizon;
         let answer = self
             .regulator
-            .solve(&error, &previous, &self.ingredients, end_step)
+            .solve(
+                &error,
+                &previous,
+                (&self.ingredients, end_step),
+                guard.remaining(started),
+            )
             .ok()?;
         self.statistics.status = Some(answer.status);
         self.statistics.solves += answer.solves;
@@ -339,6 +348,7 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Controller for LinearController<S, NX
         self.statistics.time = started.elapsed();
         let predicted: &[Pose] = match origin {
             Origin::Stop { .. } => &[],
+            Origin::ShiftedPlan { age } => self.predicted.get(age..).unwrap_or_default(),
             _ => &self.predicted,
         };
         ControlStep {

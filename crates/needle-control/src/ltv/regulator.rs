@@ -12,6 +12,7 @@ use crate::terminal::Ingredients;
 use mpc_qp::{OcpQp, OcpSolver, ProblemError, Solution, SolveError, Stage, Terminal};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use needle_model::Input;
+use std::time::Duration;
 
 /// Solves for the input deviation; `NX` counts the error and the two inputs.
 #[derive(Debug, Clone)]
@@ -108,8 +109,8 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Regulator<S, NX> {
         &mut self,
         error: &SVector<f64, NX>,
         previous: &Vector2<f64>,
-        ingredients: &Ingredients,
-        end_step: usize,
+        (ingredients, end_step): (&Ingredients, usize),
+        remaining: Option<Duration>,
     ) -> Result<Account, ProblemError> {
         let mut state = *error;
         state.fixed_rows_mut::<2>(NX - 2).copy_from(previous);
@@ -127,7 +128,7 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Regulator<S, NX> {
             self.goal.level = level;
             &self.goal
         });
-        Ok(self.programs.solve(goal))
+        Ok(self.programs.solve(goal, remaining))
     }
 
     /// The last answer.

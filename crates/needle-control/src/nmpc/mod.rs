@@ -28,7 +28,7 @@ use crate::survival::{Guard, Sample};
 use crate::terminal::{ALL_COORDINATES, Chosen, TerminalChoice, TerminalRegion};
 use crate::tracking::Tracker;
 use lqr::Certificate;
-use mpc_qp::{ConstraintGroup, OcpQp, OcpSolver, SolveError, StructuredSolver};
+use mpc_qp::{ConstraintGroup, OcpQp, OcpSolver, SolveError, SolveStatus, StructuredSolver};
 use needle_model::{Input, Needle, Pose, ReferencePath};
 use plan::Plan;
 use shooting::Shooting;
@@ -42,6 +42,8 @@ pub struct NmpcController<S = StructuredSolver<6, 2>> {
     chosen: Chosen,
     shooting: Shooting<S>,
     candidate: Plan,
+    /// Poses of the last plan that was applied, from its own sample on.
+    applied: Vec<Pose>,
     /// Whether the plan is one, and the time by which it lags the present sample, s.
     planned: Option<f64>,
     /// How far the last plan's end is outside the terminal set.
@@ -87,14 +89,16 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         let chosen = terminal::chosen(needle, &path, &configuration)?;
         let with_set = chosen.ingredients.at(0).level.is_some();
         let shooting = Shooting::new(&configuration, with_set, make_solver)?;
+        let start = path.poses().first().copied().unwrap_or_else(Pose::identity);
         Ok(Self {
             follower: Follower::new(
                 needle,
                 Tracker::new(path, tracking, dt_s, horizon),
-                Guard::new(survival, limits, dt_s, horizon),
+                Guard::new(survival, limits, dt_s, horizon, start),
             ),
             chosen,
             candidate: shooting.plan.clone(),
+            applied: shooting.plan.poses.clone(),
             shooting,
             planned: None,
             violation: 0.0,
@@ -121,8 +125,8 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         self.chosen.choice
     }
 
-    /// What is claimed of the terminal ingredients, check by check; `None` without any. The last check is about the needle itself, the
-    /// others about the linearised one.
+    /// What is claimed of the terminal ingredients, check by check; `None` without a terminal set. The last check is about the needle
+    /// itself, the others about the linearised one. All are about the model's curvature: an estimate that differs voids them.
     #[must_use]
     pub fn certificate(&self) -> Option<&Certificate> {
         self.chosen.ingredients.certificate.as_ref()
@@ -166,6 +170,7 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         }
         let inputs = &self.shooting.plan.inputs;
         guard.keep(inputs.iter().copied());
+        self.applied.copy_from_slice(&self.shooting.plan.poses);
         let origin = match violation > 0.0 {
             true => Origin::Degraded {
                 softened: ConstraintGroup::TerminalSet,
@@ -183,31 +188,25 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         }
         self.shooting.plan.embed(pose);
         let good = match self.configuration.convergence {
-            Convergence::RealTime => self.solve(sample) && self.shooting.take_full_step(),
+            Convergence::RealTime => self.solve(sample, started) && self.shooting.take_full_step(),
             Convergence::Full {
                 tolerance,
                 max_iterations,
             } => self.converge(sample, started, tolerance, max_iterations),
         };
         if !good {
-            // A plan that led nowhere is no guess for the next sample.
-            self.planned = None;
             self.shooting.forget();
+            // A plan that led nowhere is no guess for the next sample; one that there was no time to improve is.
+            if self.statistics.status != Some(SolveStatus::TimeLimit) {
+                self.planned = None;
+            }
         }
         good
     }
 
     /// Solves for a step; false without one.
-    fn solve(&mut self, sample: &Sample) -> bool {
-        let Follower {
-            needle,
-            tracker,
-            guard,
-            ..
-        } = &self.follower;
-        let account = self
-            .shooting
-            .solve(needle, tracker, guard.previous(), sample.reach_s);
+    fn solve(&mut self, sample: &Sample, started: Instant) -> bool {
+        let account = self.shooting.solve(&self.follower, sample.reach_s, started);
         self.statistics.status = Some(account.status);
         self.statistics.solves += account.solves;
         self.statistics.iterations += account.iterations;
@@ -221,7 +220,7 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
             if iteration > 0 && self.follower.guard.late(2 * started.elapsed()) {
                 break;
             }
-            if !self.solve(sample) {
+            if !self.solve(sample, started) {
                 return iteration > 0;
             }
             let small = self.shooting.step_size() < tolerance;
@@ -247,7 +246,8 @@ impl<S: OcpSolver<6, 2>> Controller for NmpcController<S> {
         self.statistics.time = started.elapsed();
         let predicted: &[Pose] = match origin {
             Origin::Stop { .. } => &[],
-            _ => &self.shooting.plan.poses,
+            Origin::ShiftedPlan { age } => self.applied.get(age..).unwrap_or_default(),
+            _ => &self.applied,
         };
         ControlStep {
             input,

@@ -17,12 +17,14 @@ use super::cost::NmpcWeights;
 use super::end::{Form, HorizonEnd, Takeover, blank_goal};
 use super::plan::Plan;
 use crate::configuration::ConfigurationError;
+use crate::follower::Follower;
 use crate::limits::InputLimits;
 use crate::program::{Account, Goal, Programs};
 use crate::tracking::Tracker;
 use mpc_qp::{OcpQp, OcpSolver, SolveError, SolveStatus, Stage, Terminal};
 use nalgebra::{Matrix2, Matrix6, Matrix6x2, Vector2, Vector6};
 use needle_model::{Input, Needle, StepError};
+use std::time::Instant;
 
 /// The plan and the memory to improve it.
 #[derive(Debug, Clone)]
@@ -166,16 +168,19 @@ impl<S: OcpSolver<6, 2>> Shooting<S> {
         Ok(self.end.aim(&mut self.goal, ends, &self.stage, &takeover))
     }
 
-    /// Solves the quadratic program of the plan; the step is left in the solution.
-    pub(crate) fn solve(
-        &mut self,
-        needle: &Needle,
-        tracker: &Tracker,
-        previous: Input,
-        reach_s: f64,
-    ) -> Account {
-        match self.linearise(needle, tracker, previous, reach_s) {
-            Ok(aims) => self.programs.solve(aims.then_some(&self.goal)),
+    /// Solves the quadratic program of the plan by the deadline of a step that began at `started`; the step is left in the solution.
+    pub(crate) fn solve(&mut self, follower: &Follower, reach_s: f64, started: Instant) -> Account {
+        let Follower {
+            needle,
+            tracker,
+            guard,
+            ..
+        } = follower;
+        match self.linearise(needle, tracker, guard.previous(), reach_s) {
+            Ok(aims) => {
+                let goal = aims.then_some(&self.goal);
+                self.programs.solve(goal, guard.remaining(started))
+            }
             Err(_) => Account {
                 status: SolveStatus::NumericalTrouble,
                 solves: 0,

@@ -92,7 +92,7 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         // A plan that ends in the terminal set is better than one that does not.
         let mut best: Option<(f64, f64)> = None;
         for sense in [Some(Sense::Positive), Some(Sense::Negative), None] {
-            if best.is_some() && self.follower.guard.late(2 * started.elapsed()) {
+            if self.follower.guard.late(2 * started.elapsed()) {
                 break;
             }
             self.shooting.forget();
@@ -117,7 +117,9 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
                 self.candidate.overwrite(&self.shooting.plan);
             }
         }
-        std::mem::swap(&mut self.shooting.plan, &mut self.candidate);
+        if best.is_some() {
+            std::mem::swap(&mut self.shooting.plan, &mut self.candidate);
+        }
         self.shooting.forget();
         self.violation = best.map_or(0.0, |(violation, _)| violation);
         self.planned = best.map(|_| 0.0);

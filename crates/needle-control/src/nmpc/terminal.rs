@@ -46,10 +46,11 @@ pub(crate) fn chosen(
         };
     }
     let mut chosen = problem.choose(wanted)?;
-    if chosen.choice != TerminalChoice::None {
-        size_for(needle, path, configuration, &mut chosen)?;
+    if !chosen.ingredients.has_sets() {
+        return Ok(chosen);
     }
-    Ok(chosen)
+    size_for(needle, path, configuration, &mut chosen)?;
+    chosen.with_interior(wanted, || "the decrease of the needle itself")
 }
 
 fn problem<'a>(
@@ -146,8 +147,9 @@ struct Fall<'a> {
 impl Fall<'_> {
     /// Least (V - V+ - l) / V over samples of the set's boundary, and of the boundary at half its half-axes.
     fn least_margin(&self, scale: f64, samples: usize) -> Result<f64, StepError> {
+        // Without a set or a law there is nothing to sample, and nothing holds.
         let (Some(level), Some(k)) = (self.here.level, self.here.k) else {
-            return Ok(0.0);
+            return Ok(f64::NEG_INFINITY);
         };
         let p = Matrix6::from_fn(|i, j| self.here.p[(i, j)]);
         let next = Matrix6::from_fn(|i, j| self.next[(i, j)]);

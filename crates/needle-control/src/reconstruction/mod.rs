@@ -20,6 +20,9 @@ const MAX_ITERATIONS: usize = 60;
 /// Relative fall of the merit below which the iteration has converged.
 const SETTLED: f64 = 1e-7;
 
+/// Largest entry of a step, mm, rad, mm/s and rad/s alike, that is none: the merit cannot tell such steps apart.
+const STATIONARY: f64 = 1e-7;
+
 /// First weight on the change of roll, and the range in which it is adapted, as multiples of the mean stage cost.
 const DAMPING: [f64; 3] = [0.1, 1e-6, 1e6];
 
@@ -41,7 +44,7 @@ pub struct ReconstructedPath {
     pub excesses: Vec<CurvatureExcess>,
     /// Linearisations made.
     pub iterations: usize,
-    /// Whether the last one settled.
+    /// Whether the last one settled; false where iterations or damping ran out first.
     pub converged: bool,
 }
 
@@ -76,7 +79,10 @@ pub fn reconstruct_path(
     while iterations < MAX_ITERATIONS && !converged {
         iterations += 1;
         let fall = search.improve()?;
-        converged = fall.is_some_and(|fall| fall < SETTLED) || search.damping > DAMPING[2];
+        converged = fall.is_some_and(|fall| fall < SETTLED);
+        if search.damping > DAMPING[2] {
+            break;
+        }
     }
     let guess = problem.initial_guess();
     let path = ReferencePath::from_inputs(
@@ -219,9 +225,19 @@ impl<'a> Search<'a> {
             omega_rad_s: u[1],
         };
         let inputs: Vec<_> = self.solution.u.iter().map(moved).collect();
-        let (new_cost, new_gap) = self.merit_terms(&poses, &inputs)?;
+        let moves = self.solution.x.iter().map(nalgebra::Matrix::amax);
+        let changes = inputs.iter().zip(&self.inputs).map(|(new, old)| {
+            let change = Vector2::new(new.v_mm_s - old.v_mm_s, new.omega_rad_s - old.omega_rad_s);
+            change.amax()
+        });
+        if moves.chain(changes).fold(0.0, f64::max) < STATIONARY {
+            return Ok(Some(0.0));
+        }
+        // A step beyond what the model can evaluate is too long, as one whose merit is not a number.
+        let Ok((new_cost, new_gap)) = self.merit_terms(&poses, &inputs) else {
+            return rejected(self);
+        };
         let (before, after) = (cost + self.penalty * gap, new_cost + self.penalty * new_gap);
-        // A merit that is not a number rejects the step too.
         if after.is_nan() || after > before {
             return rejected(self);
         }

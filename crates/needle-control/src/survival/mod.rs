@@ -10,7 +10,7 @@ use crate::limits::InputLimits;
 use crate::sample_clock::SampleClock;
 use nalgebra::UnitQuaternion;
 use needle_model::{Input, Needle, Pose};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// When a controller no longer trusts the clock, a measurement, or a plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,8 +19,8 @@ pub struct Survival {
     pub deadline: Option<Duration>,
     /// Oldest plan that may stand in for a failed step, in samples.
     pub max_plan_age: usize,
-    /// Distance from the expected position beyond which a measurement is an outlier, mm. After `max_plan_age` outliers in a row
-    /// the next one is believed.
+    /// Distance from the expected position, at first the start of the path, beyond which a measurement is an outlier, mm. After
+    /// `max_plan_age` outliers in a row the next one is believed.
     pub max_jump_mm: f64,
 }
 
@@ -64,6 +64,7 @@ pub(crate) struct Guard {
     dt_s: f64,
     previous: Input,
     clock: SampleClock,
+    start: Pose,
     expected: Option<Pose>,
     missed: usize,
     plan: Vec<Input>,
@@ -71,15 +72,22 @@ pub(crate) struct Guard {
 }
 
 impl Guard {
-    /// At rest, without a plan; `horizon` inputs at most will be kept.
-    pub(crate) fn new(survival: Survival, limits: InputLimits, dt_s: f64, horizon: usize) -> Self {
+    /// At rest at `start`, without a plan; `horizon` inputs at most will be kept.
+    pub(crate) fn new(
+        survival: Survival,
+        limits: InputLimits,
+        dt_s: f64,
+        horizon: usize,
+        start: Pose,
+    ) -> Self {
         Self {
             survival,
             limits,
             dt_s,
+            start,
             previous: Input::ZERO,
             clock: SampleClock::new(dt_s, None),
-            expected: None,
+            expected: Some(start),
             missed: 0,
             plan: Vec::with_capacity(horizon),
             plan_age_s: 0.0,
@@ -124,7 +132,9 @@ impl Guard {
     /// Time since the last sample, zero at the first, and the time for which rate limits may be used up.
     fn tick(&mut self, time_s: f64) -> (f64, f64) {
         let first = self.clock.is_fresh();
-        let elapsed_s = self.clock.tick(time_s);
+        // A clock that is set forward by a minute is no minute of insertion: beyond the oldest plan all gaps are alike.
+        let longest_s = (self.survival.max_plan_age + 1) as f64 * self.dt_s;
+        let elapsed_s = self.clock.tick(time_s).min(longest_s);
         let reach_s = elapsed_s.min(self.dt_s);
         (if first { 0.0 } else { elapsed_s }, reach_s)
     }
@@ -173,10 +183,16 @@ impl Guard {
     pub(crate) fn reset(&mut self) {
         self.previous = Input::ZERO;
         self.clock = SampleClock::new(self.dt_s, None);
-        self.expected = None;
+        self.expected = Some(self.start);
         self.missed = 0;
         self.plan.clear();
         self.plan_age_s = 0.0;
+    }
+
+    /// What is left of the deadline of a step that began at `started`; `None` without a deadline.
+    pub(crate) fn remaining(&self, started: Instant) -> Option<Duration> {
+        let deadline = self.survival.deadline?;
+        Some(deadline.saturating_sub(started.elapsed()))
     }
 
     /// True once a step that began `spent` ago is late.

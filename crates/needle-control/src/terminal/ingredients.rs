@@ -120,6 +120,11 @@ impl Ingredients {
         }
     }
 
+    /// Whether there is a set, and not only a cost.
+    pub(crate) fn has_sets(&self) -> bool {
+        self.levels.is_some()
+    }
+
     /// The same, with levels up to a step only: past the end of the path the reference is another.
     pub(crate) fn until(self, last_step: usize) -> Self {
         Self { last_step, ..self }

@@ -82,6 +82,12 @@ pub enum TerminalError {
     /// The reference breaks a limit.
     #[error(transparent)]
     Constraint(#[from] ConstraintError),
+    /// The set has no interior: there is a law and a cost, but nowhere from which the law is known to keep the limits.
+    #[error("the terminal set has no interior: nothing is left of {constraint}")]
+    NoInterior {
+        /// What shrinks it to a point.
+        constraint: &'static str,
+    },
     /// The set could not be sized.
     #[error(transparent)]
     Set(#[from] TerminalSetError),

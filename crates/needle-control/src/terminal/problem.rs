@@ -57,10 +57,14 @@ impl TerminalProblem<'_> {
         for &choice in attempts {
             match self.attempt(choice) {
                 Ok(ingredients) => {
-                    return Ok(Chosen {
+                    let chosen = Chosen {
                         choice,
                         ingredients,
-                    });
+                    };
+                    return match choice {
+                        TerminalChoice::None => Ok(chosen),
+                        _ => chosen.with_interior(wanted, || self.exhausted()),
+                    };
                 }
                 Err(reason) => refusal = Some(reason),
             }
@@ -81,14 +85,15 @@ impl TerminalProblem<'_> {
             self.executable()?;
             let pair = self.pair(Input::ZERO)?;
             let ingredients = Ingredients::stationary(&pair, self.deviation_limits()?)?;
-            Ok(Chosen {
+            let chosen = Chosen {
                 // One pair at every step: chain and period have the same fixed point.
                 choice: match wanted {
                     TerminalChoice::Auto => TerminalChoice::HelixDare,
                     other => other,
                 },
                 ingredients: ingredients.until(self.path.inputs().len()),
-            })
+            };
+            chosen.with_interior(wanted, || self.exhausted())
         };
         match wanted {
             TerminalChoice::None => Ok(self.without()),
@@ -178,6 +183,26 @@ impl TerminalProblem<'_> {
 
     /// Limits on deviations from every one of the reference's inputs at once.
     fn deviation_limits(&self) -> Result<Constraints, ConstraintError> {
+        let DeviationBox { lower, upper, rate } = self.deviation_box();
+        Constraints::new(self.coordinates.len(), 2)
+            .with_input_box(&lower, &upper)?
+            .with_rate_box(&rate.map(|r| -r), &rate)
+    }
+
+    /// The limit of which the reference leaves least, in a word.
+    fn exhausted(&self) -> &'static str {
+        let DeviationBox { lower, upper, rate } = self.deviation_box();
+        let limits = [
+            ("the insertion speed", upper[0].min(-lower[0])),
+            ("the spin", upper[1].min(-lower[1])),
+            ("the change of the insertion speed", rate[0]),
+            ("the change of the spin", rate[1]),
+        ];
+        let least = limits.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
+        least.map_or("the limits", |(name, _)| name)
+    }
+
+    fn deviation_box(&self) -> DeviationBox {
         let (limits, inputs) = (&self.limits, self.path.inputs());
         let extreme = |of: fn(&Input) -> f64, pick: fn(f64, f64) -> f64| {
             inputs.iter().map(of).reduce(pick).unwrap_or(0.0)
@@ -202,9 +227,36 @@ impl TerminalProblem<'_> {
             limits.v_rate_max_mm_s2 * self.dt_s - change(v),
             limits.omega_rate_max_rad_s2 * self.dt_s - change(omega),
         ];
-        Constraints::new(self.coordinates.len(), 2)
-            .with_input_box(&lower, &upper)?
-            .with_rate_box(&rate.map(|r| -r), &rate)
+        DeviationBox { lower, upper, rate }
+    }
+}
+
+/// Room for deviations (v, omega) from every input of a reference, mm/s and rad/s, and for their change in a step.
+struct DeviationBox {
+    lower: [f64; 2],
+    upper: [f64; 2],
+    rate: [f64; 2],
+}
+
+impl Chosen {
+    /// The same if it has a set. Without one the cost alone is left to [`TerminalChoice::Auto`], and nothing is claimed of it.
+    ///
+    /// # Errors
+    /// [`TerminalError::NoInterior`] for a choice that was asked for by name.
+    pub(crate) fn with_interior(
+        mut self,
+        wanted: TerminalChoice,
+        constraint: impl FnOnce() -> &'static str,
+    ) -> Result<Self, TerminalError> {
+        if self.ingredients.has_sets() {
+            return Ok(self);
+        }
+        if wanted != TerminalChoice::Auto {
+            let constraint = constraint();
+            return Err(TerminalError::NoInterior { constraint });
+        }
+        self.ingredients.certificate = None;
+        Ok(self)
     }
 }
 

@@ -3,6 +3,7 @@
 //! The path is sampled at the controller's own step from the present path time on, along the screw motion between its samples,
 //! so neither clock jitter nor another sample time of the path matters. Past the end the last pose repeats with zero input.
 
+use crate::controller::StopReason;
 use nalgebra::Vector3;
 use needle_model::{Input, PathProgress, Pose, ReferencePath};
 
@@ -31,6 +32,7 @@ pub(crate) struct Tracker {
     progress: Option<PathProgress>,
     dt_s: f64,
     time_s: f64,
+    finished: Option<StopReason>,
     /// Reference poses, N + 1.
     pub(crate) poses: Vec<Pose>,
     /// Reference inputs, N.
@@ -46,6 +48,7 @@ impl Tracker {
             progress: None,
             dt_s,
             time_s: 0.0,
+            finished: None,
             poses: vec![Pose::identity(); horizon + 1],
             inputs: vec![Input::ZERO; horizon],
         }
@@ -131,12 +134,22 @@ impl Tracker {
         self.time_s = self.time_s.max(found_s);
     }
 
-    /// True once the tip has come to the end of the path, or the path's time is over for good.
-    pub(crate) fn finished(&self, pose: Option<&Pose>) -> bool {
+    /// Why nothing more is to be done, once the tip has come to the end of the path or the path's time is over for good. The first
+    /// reason stands.
+    pub(crate) fn finished(&mut self, pose: Option<&Pose>) -> Option<StopReason> {
         let patience_s = LOOKAHEAD as f64 * self.dt_s;
-        if self.tracking == Tracking::Time && self.time_s > self.path.duration_s() + patience_s {
-            return true;
+        let over =
+            self.tracking == Tracking::Time && self.time_s > self.path.duration_s() + patience_s;
+        if self.finished.is_none() {
+            self.finished = match self.reached(pose) {
+                true => Some(StopReason::PathEnd),
+                false => over.then_some(StopReason::OutOfTime),
+            };
         }
+        self.finished
+    }
+
+    fn reached(&self, pose: Option<&Pose>) -> bool {
         // Only near the end in time: a path may pass the plane of its last pose before.
         let near_s = self.path.duration_s() - 1.5 * self.dt_s;
         let (Some(end), Some(pose)) = (self.path.poses().last(), pose) else {
@@ -162,5 +175,6 @@ impl Tracker {
     pub(crate) fn reset(&mut self) {
         self.progress = None;
         self.time_s = 0.0;
+        self.finished = None;
     }
 }

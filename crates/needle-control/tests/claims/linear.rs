@@ -273,6 +273,51 @@ fn chain_and_period_of_a_helix_carry_certificates_that_hold() {
 }
 
 #[test]
+fn papers_paths_leave_no_terminal_set_and_nothing_is_claimed_of_one() {
+    let straight = Needle::new(0.0).unwrap();
+    let made = |needle, inputs| {
+        ReferencePath::from_inputs(needle, Pose::identity(), inputs, DT_S).unwrap()
+    };
+    let bent = made(needle(), needle_model::paper_bevel_inputs());
+    let along = made(straight, needle_model::paper_straight_inputs());
+    // Both paths use the whole box of speeds, up to the largest and down to rest; with room on both sides there is a set.
+    for (room_mm_s, has_set) in [(0.0, false), (2.0, true)] {
+        let limits = |speed_mm_s: f64| InputLimits {
+            v_min_mm_s: -room_mm_s,
+            v_max_mm_s: speed_mm_s + room_mm_s,
+            v_rate_max_mm_s2: 1_500.0,
+            ..InputLimits::default()
+        };
+        let of = |terminal, speed_mm_s| LinearConfiguration {
+            limits: limits(speed_mm_s),
+            ..configuration(terminal)
+        };
+        let auto = TerminalChoice::Auto;
+        let ltv = LtvController::new(needle(), bent.clone(), of(auto, 10.0)).unwrap();
+        let line = StraightController::new(straight, along.clone(), of(auto, 100.0)).unwrap();
+        for (name, set, claimed) in [
+            ("bevel", ltv.terminal_region(), ltv.certificate()),
+            ("straight", line.terminal_region(), line.certificate()),
+        ] {
+            assert_eq!(set.is_some(), claimed.is_some(), "{name}, {room_mm_s}");
+            assert_eq!(set.is_some(), has_set, "{name}, {room_mm_s}");
+        }
+        let chain = LtvController::new(
+            needle(),
+            bent.clone(),
+            of(TerminalChoice::RiccatiChain, 10.0),
+        );
+        let refused = matches!(
+            chain,
+            Err(ConfigurationError::Terminal(
+                TerminalError::NoInterior { .. }
+            ))
+        );
+        assert_eq!(refused, !has_set, "{room_mm_s}");
+    }
+}
+
+#[test]
 fn straight_needle_reaches_the_end_of_the_papers_path() {
     let inputs = needle_model::paper_straight_inputs();
     let straight = Needle::new(0.0).unwrap();

@@ -7,6 +7,7 @@
 
 mod closed_loop;
 mod deadline;
+mod interruptions;
 mod linear;
 mod memory;
 mod nonlinear;

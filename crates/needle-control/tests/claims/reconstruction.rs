@@ -46,6 +46,7 @@ fn positions_of_an_executed_path_are_passed_again() {
         found.worst_step
     );
     assert!(found.excesses.is_empty(), "{:?}", found.excesses);
+    assert!(found.converged, "after {}", found.iterations);
 }
 
 #[test]

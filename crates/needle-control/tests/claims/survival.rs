@@ -10,7 +10,7 @@ use needle_model::{Input, Needle, Pose, ReferencePath};
 use proptest::prelude::*;
 use std::time::Duration;
 
-fn helix(steps: usize) -> ReferencePath {
+pub(crate) fn helix(steps: usize) -> ReferencePath {
     let input = Input {
         v_mm_s: 5.0,
         omega_rad_s: 1.0,
@@ -25,7 +25,7 @@ fn helix(steps: usize) -> ReferencePath {
 }
 
 /// Every controller of this kind on a path.
-fn all(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controller>)> {
+pub(crate) fn all(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controller>)> {
     let needle = Needle::new(CURVATURE_PER_MM).unwrap();
     let progress = NmpcConfiguration {
         tracking: Tracking::Progress,
@@ -63,7 +63,7 @@ fn all(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controller>)> {
 }
 
 /// Checks boxes exactly and rates over the shorter of the elapsed time and the nominal step, up to rounding.
-fn inside(input: Input, previous: Input, elapsed_s: f64) -> bool {
+pub(crate) fn inside(input: Input, previous: Input, elapsed_s: f64) -> bool {
     let limits = InputLimits::default();
     let step_s = if elapsed_s > 0.0 {
         elapsed_s.min(DT_S)
@@ -106,7 +106,7 @@ fn run_all(
     }
 }
 
-fn on_time(step: usize) -> f64 {
+pub(crate) fn on_time(step: usize) -> f64 {
     step as f64 * DT_S
 }
 
