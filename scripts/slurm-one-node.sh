@@ -111,7 +111,7 @@ CAMPAIGN
 cd "$scratch"
 "$needle" campaign campaign.toml --out alone >/dev/null
 
-"$needle" campaign campaign.toml --out results --slurm 4
+"$needle" campaign campaign.toml --out results --slurm --tasks 4
 bash results/submit.sh | tee submitted
 array=$(sed 's/array \([0-9]*\),.*/\1/' submitted)
 

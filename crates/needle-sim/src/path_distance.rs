@@ -5,7 +5,8 @@
 use nalgebra::Vector3;
 use needle_model::ReferencePath;
 
-/// Stretch of path around the last nearest point in which the next one is looked for, mm, either way.
+/// Stretch of path around the last nearest point in which the next one is looked for, mm, either way, by a tip that is slow; a tip
+/// that moves further in a sample is looked for within twice its way.
 const WINDOW_MM: f64 = 10.0;
 
 /// Follows one tip along one path.
@@ -15,6 +16,7 @@ pub(crate) struct PathDistance<'a> {
     /// Length of the polyline up to each pose, mm.
     along_mm: Vec<f64>,
     last: Nearest,
+    last_tip_mm: Option<Vector3<f64>>,
 }
 
 /// The point of the path that is nearest to a tip.
@@ -45,6 +47,7 @@ impl<'a> PathDistance<'a> {
                 progress_mm: 0.0,
                 distance_mm: 0.0,
             },
+            last_tip_mm: None,
         }
     }
 
@@ -62,13 +65,16 @@ impl<'a> PathDistance<'a> {
     pub(crate) fn nearest(&mut self, tip_mm: &Vector3<f64>) -> Nearest {
         let (poses, along) = (self.path.poses(), &self.along_mm);
         let here_mm = self.last.progress_mm;
-        let first = along.partition_point(|&s| s < here_mm - WINDOW_MM);
+        let moved_mm = self.last_tip_mm.map_or(0.0, |last| (tip_mm - last).norm());
+        // `max` leaves a distance out that is not a number.
+        let window_mm = WINDOW_MM.max(2.0 * moved_mm);
+        let first = along.partition_point(|&s| s < here_mm - window_mm);
         let mut best = Nearest {
             distance_mm: f64::INFINITY,
             ..self.last
         };
         for k in first.saturating_sub(1)..poses.len() {
-            if along[k] > here_mm + WINDOW_MM {
+            if along[k] > here_mm + window_mm {
                 break;
             }
             let from = poses[k].position_mm;
@@ -94,7 +100,31 @@ impl<'a> PathDistance<'a> {
         // A tip that is not a number is nowhere: the last point stays.
         if best.distance_mm.is_finite() {
             self.last = best;
+            self.last_tip_mm = Some(*tip_mm);
         }
         best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use needle_model::{Input, Needle, Pose};
+
+    #[test]
+    fn a_tip_at_200_mm_per_s_is_not_lost() {
+        let needle = Needle::new(0.0).unwrap();
+        let input = Input {
+            v_mm_s: 200.0,
+            omega_rad_s: 0.0,
+        };
+        let path =
+            ReferencePath::from_inputs(needle, Pose::identity(), vec![input; 10], 0.1).unwrap();
+        let mut distance = PathDistance::new(&path);
+        for pose in path.poses() {
+            let nearest = distance.nearest(&pose.position_mm);
+            // Rounding of sums of 20 mm.
+            assert!(nearest.distance_mm < 1e-9, "{nearest:?}");
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! The controllers that a scenario can name, as one type that is made once and cloned for each run.
 
-use crate::published::{PublishedController, PublishedPathError};
+use crate::published::{CONSTANTS, DT_S, PublishedController, PublishedPathError};
 use crate::scenario::{ControllerChoice, Patience, Scenario};
 use lqr::Certificate;
 use needle_control::{
@@ -23,6 +23,24 @@ pub enum ControllerError {
     /// The published program.
     #[error(transparent)]
     Published(#[from] PublishedPathError),
+    /// The published program has its sample time built in.
+    #[error("dt_s: the published program samples every {expected} s, the scenario every {found} s")]
+    PublishedSampleTime {
+        /// The program's, s.
+        expected: f64,
+        /// The scenario's, s.
+        found: f64,
+    },
+    /// The published program has its needle built in.
+    #[error(
+        "needle.curvature_per_mm: the published program's is {expected}, the scenario's {found}"
+    )]
+    PublishedCurvature {
+        /// The program's, 1/mm.
+        expected: f64,
+        /// The scenario's, 1/mm.
+        found: f64,
+    },
 }
 
 /// A controller by name.
@@ -107,6 +125,7 @@ impl Steering {
                 Self::FeedForward(Box::new(FeedForward::new(path, settings)?))
             }
             ControllerChoice::Published(settings) => {
+                published_fits(scenario)?;
                 let controller = PublishedController::new(&path, settings.clone())?;
                 Self::Published(Box::new(controller))
             }
@@ -156,4 +175,23 @@ impl Steering {
             _ => None,
         }
     }
+}
+
+/// The published program knows one sample time and one needle. The limits that it keeps are its own too; the actuators cut its inputs
+/// to the scenario's.
+fn published_fits(scenario: &Scenario) -> Result<(), ControllerError> {
+    // Decimal numbers of a file, read to the last digit or to ten.
+    let same = |expected: f64, found: f64| (expected - found).abs() <= 1e-9 * expected;
+    let (expected, found) = (DT_S, scenario.dt_s);
+    if !same(expected, found) {
+        return Err(ControllerError::PublishedSampleTime { expected, found });
+    }
+    let (expected, found) = (
+        CONSTANTS.bevel.curvature_per_m / 1000.0,
+        scenario.curvature_per_mm,
+    );
+    if !same(expected, found) {
+        return Err(ControllerError::PublishedCurvature { expected, found });
+    }
+    Ok(())
 }

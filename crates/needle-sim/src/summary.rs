@@ -9,7 +9,7 @@ use std::time::Duration;
 /// Share of the path within which a start that is off may be corrected before distances count.
 const SETTLING_SHARE: f64 = 0.2;
 
-/// Distance that a successful run stays below after settling, mm.
+/// Distance to the path that a successful run stays below after settling, and to the path's end as it ends, mm.
 pub const SUCCESS_MM: f64 = 1.0;
 
 /// How a run ended.
@@ -97,7 +97,9 @@ impl Tally {
             seed,
             steps: self.steps,
             status: ending.words().into(),
-            success: reached && max_mm.is_some_and(|worst| worst < SUCCESS_MM),
+            success: reached
+                && final_mm < SUCCESS_MM
+                && max_mm.is_some_and(|worst| worst < SUCCESS_MM),
             rms_mm,
             p95_mm: quantile(distances, 0.95),
             max_mm,

@@ -32,7 +32,8 @@ omega_rate_max_rad_s2 = 0.017453292519943295
 ";
 
 /// The same path from a start that is off by 1 mm and 10 degrees with a curvature that is off by 10 %, seen through noise by the
-/// filter, within the limits of the clinical preset.
+/// filter, within the limits of the clinical preset but for the speed: 20 mm/s in
+/// place of 10, twice the path's, so that a controller can catch up.
 const PERTURBED: &str = "\
 seed = 1
 needle.curvature_per_mm = 0.006666666666666667

@@ -113,7 +113,7 @@ fn extended_path(family: Family) -> PathBuf {
     folder.join(format!("{}_summary.csv", family.folder()))
 }
 
-/// The summary of a family without its times. Whole tracks of its 36 runs would be a megabyte that says no more.
+/// The summary of a family without its times. Whole tracks of its 59 runs would be a megabyte that says no more.
 fn extended_summary(family: Family, files: &[ExtendedFile]) -> Result<Vec<u8>, GoldenError> {
     let untimed: Vec<ExtendedFile> = files
         .iter()

@@ -7,6 +7,7 @@ use needle_sim::campaign::{Campaign, Execution, Shard, merge};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 /// Arguments of `needle campaign`.
 #[derive(Debug, clap::Args)]
@@ -30,10 +31,13 @@ pub(crate) struct Args {
     /// Threads; 0 for one a core.
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
-    /// Compute nothing: write scripts that run the campaign as a Slurm job array of N tasks.
-    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16",
+    /// Compute nothing: write scripts that run the campaign as a Slurm job array.
+    #[arg(long)]
+    slurm: bool,
+    /// Tasks of the Slurm job array.
+    #[arg(long, value_name = "N", default_value_t = 16, requires = "slurm",
           value_parser = clap::value_parser!(u64).range(1..=100_000))]
-    slurm: Option<u64>,
+    tasks: u64,
     /// Compute nothing: print the scenario of one run, to be run alone.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["slurm", "shard", "json"])]
     print_run: Option<u64>,
@@ -54,11 +58,12 @@ pub(crate) fn run(args: &Args) -> Result<Verdict, CliError> {
     if let Some(run) = args.print_run {
         return print_run(&campaign, run);
     }
-    if let Some(tasks) = args.slurm {
-        return super::slurm::write(&campaign, args, &folder, tasks);
+    if args.slurm {
+        return super::slurm::write(&campaign, args, &folder, args.tasks);
     }
     let stop = stop_on_interrupt();
     let bar = bar();
+    let counted = AtomicBool::new(false);
     let execution = Execution {
         folder: &folder,
         shard: args.shard.unwrap_or(Shard::WHOLE),
@@ -67,6 +72,10 @@ pub(crate) fn run(args: &Args) -> Result<Verdict, CliError> {
         progress: &|done, total| {
             bar.set_length(total);
             bar.set_position(done);
+            // The first call tells what was there already: no rate is to be taken from it.
+            if !counted.swap(true, Ordering::Relaxed) {
+                bar.reset_eta();
+            }
         },
     };
     let executed = campaign.execute(&execution);
@@ -142,5 +151,6 @@ fn bar() -> ProgressBar {
     if let Ok(style) = ProgressStyle::with_template(style) {
         bar.set_style(style);
     }
+    bar.enable_steady_tick(Duration::from_secs(1));
     bar
 }

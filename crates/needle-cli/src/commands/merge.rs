@@ -50,12 +50,16 @@ fn of_cell(cell: &CellSummary) -> String {
             let ends = spread.mean.low.zip(spread.mean.high);
             let ends = ends.map(|(low, high)| format!(" [{low:.digits$}, {high:.digits$}]"));
             format!(
-                "  {name:<28} mean {:.digits$}{}, median {:.digits$}, 95 % {:.digits$}, worst {:.digits$}\n",
+                "  {name:<28} mean {:.digits$}{}, median {:.digits$}, 95 % {:.digits$}, worst {:.digits$}{}\n",
                 spread.mean.value,
                 ends.unwrap_or_default(),
                 spread.median.value,
                 spread.p95.value,
                 spread.worst,
+                match spread.count == cell.runs {
+                    true => String::new(),
+                    false => format!(" ({} of {} runs)", spread.count, cell.runs),
+                },
             )
         }
     };

@@ -21,6 +21,7 @@ plant.curvature_factor = [0.9, 1.1]
 
 [random]
 "needle.curvature_per_mm" = { distribution = "uniform", from = 0.002, to = 0.02 }
+"plant.bevel_offset_mm" = { distribution = "normal", mean = 1.5, std = 1.0 }
 "plant.start.offset_std_mm" = { distribution = "log_uniform", from = 0.1, to = 1.0 }
 "limits.omega_max_rad_s" = { distribution = "uniform", from = 500, to = 1000, times = "needle.curvature_per_mm" }
 "#;
@@ -122,6 +123,11 @@ fn threads_shards_and_folders_do_not_change_a_byte() {
         folder,
     );
     assert!(merged(&folder.join("two")) == truth, "two threads");
+    // Some draws are refused: the reason does not depend on where the campaign is called from.
+    let file = folder.join("campaign.toml");
+    let file = file.to_str().unwrap();
+    done(&["campaign", file, "--out", "absolute"], folder);
+    assert!(merged(&folder.join("absolute")) == truth, "absolute name");
     for shard in ["3/3", "1/3", "2/3"] {
         let arguments = [
             "campaign",
@@ -381,6 +387,33 @@ fn a_run_of_a_campaign_can_be_repeated_alone() {
     let alone = needle(&["run", "run.toml", "--index", "10", "--json"], folder);
     let alone: serde_json::Value = serde_json::from_slice(&alone.stdout).unwrap();
     assert_eq!(alone["seed"], 11);
+    // With two trials a cell their summary's extremes are the two rows: runs 4 and 5 are the third cell's.
+    let two = CAMPAIGN.replace("runs_per_cell = 60", "runs_per_cell = 2");
+    fs::write(folder.join("two.toml"), two).unwrap();
+    let rows = done(&["campaign", "two.toml", "--json"], folder);
+    let rows: serde_json::Value = serde_json::from_str(&rows).unwrap();
+    let cell = &rows["cells"][2];
+    let alone = |run: &str, trial: &str| -> serde_json::Value {
+        let scenario = done(&["campaign", "two.toml", "--print-run", run], folder);
+        fs::write(folder.join("run.toml"), scenario).unwrap();
+        let words = done(&["run", "run.toml", "--index", trial, "--json"], folder);
+        serde_json::from_str(&words).unwrap()
+    };
+    let (first, second) = (alone("4", "0"), alone("5", "1"));
+    for figure in ["rms_mm", "rotation_rev", "final_mm"] {
+        let number = |run: &serde_json::Value| run[figure].as_f64().unwrap();
+        let (a, b) = (number(&first), number(&second));
+        let mean = cell[figure]["mean"]["value"].as_f64().unwrap();
+        assert_eq!(
+            cell[figure]["worst"].as_f64().unwrap(),
+            a.max(b),
+            "{figure}"
+        );
+        // Rounding of a sum of two.
+        assert!((mean - (a + b) / 2.0).abs() <= 1e-14 * mean, "{figure}");
+    }
+    let steps = |run: &serde_json::Value| run["steps"].as_u64().unwrap();
+    assert_eq!(cell["steps"], steps(&first) + steps(&second));
     let none = needle(&["campaign", "campaign.toml", "--print-run", "240"], folder);
     assert_eq!(none.status.code(), Some(2));
     assert!(text(&none.stderr).contains("runs 0 to 239"));

@@ -56,7 +56,7 @@ pub struct CellSummary {
     pub runs: u64,
     /// Runs that could not be made; they count as runs without success.
     pub refused: u64,
-    /// Runs that reached the end and stayed within [`crate::SUCCESS_MM`] after the path's first fifth.
+    /// Runs that ended within [`crate::SUCCESS_MM`] of the path's end and stayed within it of the path after its first fifth.
     pub success: Share,
     /// RMS distances of the runs, mm.
     pub rms_mm: Option<Spread>,
@@ -76,7 +76,8 @@ pub struct CellSummary {
     pub steps: u64,
     /// Samples that were not answered as planned.
     pub fallbacks: Fallbacks,
-    /// Whether no other cell has both a smaller mean RMS distance and a smaller mean rotation.
+    /// Whether no other cell has both a smaller mean RMS distance and a smaller mean rotation. Only cells whose every run has both
+    /// figures are compared.
     pub pareto: bool,
 }
 
@@ -92,6 +93,12 @@ impl CellSummary {
     fn point(&self) -> Option<(u64, f64, f64)> {
         let (rms, rotation) = (self.rms_mm?, self.rotation_rev?);
         Some((self.cell, rms.mean.value, rotation.mean.value))
+    }
+
+    /// Whether every run of the cell counts in both means: the means of the runs that are left are no match for another cell's.
+    fn complete(&self) -> bool {
+        let all = |spread: &Option<Spread>| spread.is_some_and(|s| s.count == self.runs);
+        all(&self.rms_mm) && all(&self.rotation_rev)
     }
 
     /// The settings in one line; `all runs` without a grid.
@@ -191,14 +198,23 @@ impl Gatherer {
             runs: self.runs,
             cells: self.cells,
         };
-        let points = summary.accuracy_and_rotation();
-        for cell in &mut summary.cells {
-            cell.pareto = cell.point().is_some_and(|(_, rms, rotation)| {
-                let beaten = |&(_, r, t): &(u64, f64, f64)| {
-                    r <= rms && t <= rotation && (r < rms || t < rotation)
-                };
-                !points.iter().any(beaten)
-            });
+        let mut cells: Vec<_> = summary.cells.iter_mut().filter(|c| c.complete()).collect();
+        let order = |cell: &CellSummary| {
+            cell.point()
+                .map_or((0.0, 0.0), |(_, rms, turn)| (rms, turn))
+        };
+        cells.sort_by(|a, b| {
+            let ((rms, turn), (other_rms, other_turn)) = (order(a), order(b));
+            rms.total_cmp(&other_rms).then(turn.total_cmp(&other_turn))
+        });
+        // From accurate to less so, a cell must turn less than all before it, or be the equal of the last that did.
+        let mut last = (f64::NAN, f64::INFINITY);
+        for cell in cells {
+            let here = order(cell);
+            cell.pareto = here.1 < last.1 || here == last;
+            if cell.pareto {
+                last = here;
+            }
         }
         summary
     }

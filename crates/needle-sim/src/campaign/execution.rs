@@ -7,6 +7,7 @@ use super::store::Store;
 use crate::experiment::Experiment;
 use crate::output::write_whole;
 use crate::record::StepRecord;
+use crate::scenario::{Fault, ScenarioError};
 use rayon::prelude::*;
 use std::path::Path;
 use std::str::FromStr;
@@ -93,8 +94,7 @@ impl Campaign {
     pub fn execute(&self, execution: &Execution<'_>) -> Result<Executed, CampaignError> {
         let store = Store::of(self, execution.folder)?;
         let chunks = (0..store.manifest.chunks()).filter(|chunk| execution.shard.takes(*chunk));
-        let (there, pending): (Vec<_>, Vec<_>) =
-            chunks.partition(|chunk| store.part(*chunk).exists());
+        let (there, pending): (Vec<_>, Vec<_>) = chunks.partition(|chunk| store.has(*chunk));
         let runs = |chunks: &[u64]| -> u64 {
             let runs = chunks.iter().map(|chunk| store.manifest.runs_of(*chunk));
             runs.map(|runs| runs.end - runs.start).sum()
@@ -200,7 +200,7 @@ impl Campaign {
         let made = match ready.take().filter(usable) {
             Some(made) => made,
             None => {
-                let scenario = self.scenario(run).map_err(chain)?;
+                let scenario = self.scenario(run).map_err(|error| refusal(&error))?;
                 (cell, Experiment::new(&scenario).map_err(chain)?)
             }
         };
@@ -213,6 +213,17 @@ fn damaged(path: &Path, source: parquet::errors::ParquetError) -> CampaignError 
         path: path.into(),
         source,
     }
+}
+
+/// What a scenario cannot hold, without the file's name: a row is the same wherever the campaign is called from.
+fn refusal(error: &ScenarioError) -> String {
+    let words = |fault: &Fault| format!("{}: {}", fault.key, fault.problem);
+    error
+        .faults()
+        .iter()
+        .map(words)
+        .collect::<Vec<_>>()
+        .join("; ")
 }
 
 /// An error and what caused it, for a row.

@@ -72,7 +72,7 @@ fn homes(stores: &[Store]) -> Result<Vec<&Store>, CampaignError> {
     let mut homes = Vec::new();
     let mut missing = Vec::new();
     for chunk in 0..manifest.chunks() {
-        match stores.iter().find(|store| store.part(chunk).exists()) {
+        match stores.iter().find(|store| store.has(chunk)) {
             Some(store) => homes.push(store),
             None => missing.push(chunk),
         }

@@ -2,7 +2,7 @@
 //! same numbers and meets the same noise in every cell, so that cells are compared on equal terms.
 
 use super::fault::CampaignError;
-use super::specification::{MOST_RUNS, Specification, read};
+use super::specification::{MOST_CELLS, MOST_RUNS, Specification, read};
 use super::variation::{multiplied, number};
 use crate::random::{Purpose, Stream};
 use crate::scenario::{Document, Fault, Preset, Problem, Scenario, ScenarioError};
@@ -233,6 +233,15 @@ impl Campaign {
                 },
             }]);
         }
+        if self.cells() > MOST_CELLS {
+            return Ok(vec![Fault {
+                line: None,
+                key: "grid".into(),
+                problem: Problem::Conflict {
+                    words: "the grid has more than 100,000 cells",
+                },
+            }]);
+        }
         let axes = specification.axes.iter();
         let axes = axes.map(|axis| axis.values.clone());
         let draws = specification.draws.iter().map(|d| d.distribution.ends());
@@ -305,7 +314,11 @@ impl Campaign {
         let cells = if varies { self.cells().min(1000) } else { 1 };
         for cell in 0..cells {
             let run = cell * self.specification.runs_per_cell;
-            if let Some(file) = self.scenario(run)?.reference_file() {
+            // A draw that no scenario holds is a refused row, here as in a run.
+            let Ok(scenario) = self.scenario(run) else {
+                continue;
+            };
+            if let Some(file) = scenario.reference_file() {
                 let contents = fs::read(&file)
                     .map_err(|source| CampaignError::Unreadable { path: file, source })?;
                 self.fingerprint.add(&contents);

@@ -76,7 +76,7 @@ impl SlurmArray<'_> {
              cd {folder}\n\
              array=$(sbatch --parsable \"$@\" {ARRAY_SCRIPT})\n\
              array=${{array%%;*}}\n\
-             merge=$(sbatch --parsable --dependency=\"afterok:$array\" \"$@\" {MERGE_SCRIPT})\n\
+             merge=$(sbatch --parsable --dependency=\"afterok:$array\" --kill-on-invalid-dep=yes \"$@\" {MERGE_SCRIPT})\n\
              echo \"array $array, merge ${{merge%%;*}}\"\n",
             folder = quoted(self.folder),
         )

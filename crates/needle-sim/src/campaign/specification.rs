@@ -29,6 +29,8 @@ const KEYS: [&str; 7] = [
 
 /// Runs of a campaign and values of an axis at most: beyond it, a slip of the pen.
 pub(super) const MOST_RUNS: u64 = 1_000_000_000;
+/// Cells of a grid at most: the summary holds each of them.
+pub(super) const MOST_CELLS: u64 = 100_000;
 const MOST_VALUES: i64 = 10_000;
 /// Whole numbers up to here are exact as `f64`.
 const EXACT: i64 = 1 << 52;

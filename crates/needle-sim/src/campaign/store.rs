@@ -103,7 +103,12 @@ impl Store {
         })
     }
 
-    /// File of a chunk's runs: when it is there, the chunk is done.
+    /// Whether a chunk is done: its runs are there, and its tracks where the campaign keeps them.
+    pub(super) fn has(&self, chunk: u64) -> bool {
+        self.part(chunk).exists() && (!self.manifest.tracks || self.tracks_part(chunk).exists())
+    }
+
+    /// File of a chunk's runs, written last.
     pub(super) fn part(&self, chunk: u64) -> PathBuf {
         self.folder.join(PARTS).join(part_name(chunk))
     }
@@ -119,9 +124,10 @@ impl Store {
         self.folder.join(name)
     }
 
-    /// Removes what killed processes left half written. Nobody writes any more once all chunks are there.
+    /// Removes what killed processes left half written, merges included. Nobody writes any more once all is merged.
     pub(super) fn remove_leftovers(&self) {
-        let entries = fs::read_dir(self.folder.join(PARTS)).into_iter().flatten();
+        let folders = [self.folder.join(PARTS), self.folder.clone()];
+        let entries = folders.iter().flat_map(fs::read_dir).flatten();
         for entry in entries.flatten() {
             if entry.file_name().to_string_lossy().starts_with(".tmp") {
                 // Whoever cannot delete a leftover is not harmed by it either.

@@ -88,9 +88,41 @@ impl Document {
     /// Sets a key such as `limits.v_max_mm_s` or `reference.segments.0.omega_rad_s`, present or not. Whether the scenario has
     /// such a key, and whether the value is allowed there, [`Document::scenario`] says.
     ///
+    /// A `name` or `kind` that chooses another variant takes the file's keys beside it along that the new variant does not have;
+    /// keys that were set here stay, and are then told as unknown.
+    ///
     /// # Errors
     /// [`ScenarioError`] when a part of the key is neither a table nor a row of a list.
     pub fn set(&mut self, key: &str, value: impl Into<toml::Value>) -> Result<(), ScenarioError> {
+        let value = Node::from(value.into());
+        match key.rsplit_once('.') {
+            Some((parent, "name" | "kind")) => {
+                let before = self.unknown_keys();
+                *self.at(key)? = value;
+                let mut lost = self.unknown_keys();
+                lost.retain(|unknown| !before.contains(unknown));
+                if let Value::Table(table) = &mut self.at(parent)?.value {
+                    table.retain(|sibling, node| {
+                        node.line.is_none() || !lost.contains(&format!("{parent}.{sibling}"))
+                    });
+                }
+            }
+            _ => *self.at(key)? = value,
+        }
+        Ok(())
+    }
+
+    /// Keys of the document that the scenario does not have.
+    fn unknown_keys(&self) -> Vec<String> {
+        let faults = reader::read(&mut Scenario::default(), &self.root).into_iter();
+        faults
+            .filter(|fault| matches!(fault.problem, Problem::Unknown { .. }))
+            .map(|fault| fault.key)
+            .collect()
+    }
+
+    /// The node at a key; tables on the way to it are made where there are none.
+    fn at(&mut self, key: &str) -> Result<&mut Node, ScenarioError> {
         let mut node = &mut self.root;
         for part in key.split('.') {
             let found = match &mut node.value {
@@ -111,8 +143,7 @@ impl Document {
                 }],
             })?;
         }
-        *node = Node::from(value.into());
-        Ok(())
+        Ok(node)
     }
 
     /// The scenario that the document describes.

@@ -243,3 +243,33 @@ fn a_run_that_the_duration_ends_is_no_success() {
         ("duration_over", false, 50)
     );
 }
+
+#[test]
+fn a_needle_that_stops_short_on_the_path_is_no_success() {
+    let scenario = with(
+        "needle.curvature_per_mm = 0.0\nreference.kind = 'inputs'\ncontroller.name = 'feed_forward'\n[[reference.segments]]\n\
+         duration_s = 10.0\nv_mm_s = 5.0\nomega_rad_s = 0.0\n[limits]\nv_rate_max_mm_s2 = 1e4\n",
+        &[("plant.start.offset_mm", vec![0.0, 0.0, -10.0].into())],
+    );
+    let summary = run(&scenario, 0).unwrap().summary;
+    // It is on the line all along and ends 10 mm behind the end.
+    assert!(summary.max_mm.unwrap() < 1e-6, "{summary:?}");
+    assert!((summary.final_mm - 10.0).abs() < 1e-6, "{summary:?}");
+    assert!(!summary.success, "{summary:?}");
+}
+
+#[test]
+fn the_published_program_refuses_another_needle_and_another_sample_time() {
+    for (key, value) in [("dt_s", 0.2), ("needle.curvature_per_mm", 0.01)] {
+        let name = ("controller.name", toml::Value::from("published"));
+        let scenario = with(
+            needle_sim::scenario::Preset::named("clinical")
+                .unwrap()
+                .toml,
+            &[name, (key, value.into())],
+        );
+        let error = Experiment::new(&scenario).unwrap_err();
+        let cause = std::error::Error::source(&error).unwrap().to_string();
+        assert!(cause.starts_with(key), "{cause}");
+    }
+}

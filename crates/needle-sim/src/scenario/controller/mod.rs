@@ -65,7 +65,7 @@ impl Default for ControllerChoice {
 }
 
 impl ControllerChoice {
-    const NAMES: &'static [&'static str] = &[
+    pub(crate) const NAMES: &'static [&'static str] = &[
         "nmpc",
         "ltv",
         "straight",
