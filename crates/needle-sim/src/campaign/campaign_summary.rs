@@ -76,7 +76,7 @@ pub struct CellSummary {
     pub steps: u64,
     /// Samples that were not answered as planned.
     pub fallbacks: Fallbacks,
-    /// Whether no other cell has both a smaller mean RMS distance and a smaller mean rotation. Only cells whose every run has both
+    /// Whether no other cell has both a smaller mean RMS distance and a smaller mean rotation. Only cells whose every run that could be made has both
     /// figures are compared.
     pub pareto: bool,
 }
@@ -95,9 +95,11 @@ impl CellSummary {
         Some((self.cell, rms.mean.value, rotation.mean.value))
     }
 
-    /// Whether every run of the cell counts in both means: the means of the runs that are left are no match for another cell's.
+    /// Whether every run of the cell that could be made counts in both means: the means of the runs that got somewhere are no match
+    /// for another cell's.
     fn complete(&self) -> bool {
-        let all = |spread: &Option<Spread>| spread.is_some_and(|s| s.count == self.runs);
+        let made = self.runs - self.refused;
+        let all = |spread: &Option<Spread>| spread.is_some_and(|s| s.count == made);
         all(&self.rms_mm) && all(&self.rotation_rev)
     }
 
