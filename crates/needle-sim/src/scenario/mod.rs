@@ -1,6 +1,6 @@
 //! A scenario: everything that a run depends on but its index, in one TOML file.
 //!
-//! Keys carry units. Each section lists its keys once, with range and meaning ([`keys`]); reading, printing and the description
+//! Keys carry units. Each section lists its keys once, with range and meaning (`keys`); reading, printing and the description
 //! of what may be written all walk over the same list.
 
 mod conflicts;
