@@ -21,6 +21,7 @@ const state = (scene) => {
 };
 const examine = async () => {
   const scene = document.getElementById("scene");
+  await settled(() => scene.querySelector("canvas"));
   const found = {
     traces: scene.data.map((trace) => trace.name),
     signals: document.getElementById("signals").data.map((trace) => trace.name),
@@ -33,7 +34,10 @@ const examine = async () => {
   };
   if (scene.layout.sliders) {
     pressRail(scene, 1);
-    await pause(2000);
+    await settled(() => {
+      const [{ cursor_s, shaft }, before] = [state(scene), found.before];
+      return cursor_s !== before.cursor_s && String(shaft) !== String(before.shaft);
+    });
   }
   return { ...found, after: state(scene) };
 };
