@@ -8,6 +8,7 @@ mod campaign_summary;
 mod estimate;
 mod execution;
 mod fault;
+mod fingerprint;
 mod merging;
 mod plan;
 mod rows;
@@ -15,6 +16,7 @@ mod slurm;
 mod specification;
 mod store;
 mod table;
+mod trying_out;
 mod variation;
 
 pub use campaign_summary::{CampaignSummary, Cause, CellSummary, Fallbacks, Setting};

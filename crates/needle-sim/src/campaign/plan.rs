@@ -2,10 +2,11 @@
 //! same numbers and meets the same noise in every cell, so that cells are compared on equal terms.
 
 use super::fault::CampaignError;
-use super::specification::{MOST_CELLS, MOST_RUNS, Specification, read};
+use super::fingerprint::Fingerprint;
+use super::specification::{Specification, read};
 use super::variation::{multiplied, number};
 use crate::random::{Purpose, Stream};
-use crate::scenario::{Document, Fault, Preset, Problem, Scenario, ScenarioError};
+use crate::scenario::{Document, Preset, Scenario, ScenarioError};
 use std::fs;
 use std::path::{Path, PathBuf};
 use toml::Value;
@@ -13,7 +14,7 @@ use toml::Value;
 /// A campaign file, understood and checked.
 #[derive(Debug, Clone)]
 pub struct Campaign {
-    specification: Specification,
+    pub(super) specification: Specification,
     base: Document,
     /// Folder that a preset's files are relative to; `None` for a scenario file, which has its own.
     folder: Option<PathBuf>,
@@ -119,7 +120,7 @@ impl Campaign {
     /// Identifies the campaign file, the scenario file, the files of paths and the program's version.
     #[must_use]
     pub fn fingerprint(&self) -> String {
-        format!("{:016x}", self.fingerprint.0)
+        format!("{:016x}", self.fingerprint.value())
     }
 
     /// Samples between two rows of a track; `None` without tracks.
@@ -175,7 +176,7 @@ impl Campaign {
         values
     }
 
-    fn multiply(&self, values: &mut [Value]) {
+    pub(super) fn multiply(&self, values: &mut [Value]) {
         let axes = self.specification.axes.len();
         for (i, draw) in self.specification.draws.iter().enumerate() {
             if let Some(factor) = draw.times {
@@ -185,7 +186,7 @@ impl Campaign {
     }
 
     /// The scenario with values for all parameters.
-    fn with(&self, values: &[Value]) -> Result<Scenario, ScenarioError> {
+    pub(super) fn with(&self, values: &[Value]) -> Result<Scenario, ScenarioError> {
         let mut document = self.base.clone();
         for (key, value) in self.keys().zip(values) {
             document.set(key, value.clone())?;
@@ -221,93 +222,6 @@ impl Campaign {
         grid.chain(drawn).map(column).collect()
     }
 
-    /// Faults of the campaign's values in the scenario, each with the line of the campaign file.
-    fn faults(&self) -> Result<Vec<Fault>, CampaignError> {
-        let specification = &self.specification;
-        if self.cells().saturating_mul(specification.runs_per_cell) > MOST_RUNS {
-            return Ok(vec![Fault {
-                line: None,
-                key: "runs_per_cell".into(),
-                problem: Problem::Conflict {
-                    words: "the campaign has more than a thousand million runs",
-                },
-            }]);
-        }
-        if self.cells() > MOST_CELLS {
-            return Ok(vec![Fault {
-                line: None,
-                key: "grid".into(),
-                problem: Problem::Conflict {
-                    words: "the grid has more than 100,000 cells",
-                },
-            }]);
-        }
-        let axes = specification.axes.iter();
-        let axes = axes.map(|axis| axis.values.clone());
-        let draws = specification.draws.iter().map(|d| d.distribution.ends());
-        let candidates: Vec<_> = axes.chain(draws).collect();
-        let first: Vec<_> = candidates.iter().map(|values| values[0].clone()).collect();
-        let mut found: Vec<Fault> = Vec::new();
-        let mut try_out = |mut values: Vec<Value>| {
-            self.multiply(&mut values);
-            match self.with(&values) {
-                Ok(_) => Ok(()),
-                Err(error) => self.attributed(error, &mut found),
-            }
-        };
-        try_out(first.clone())?;
-        for (i, values) in candidates.iter().enumerate() {
-            for value in values {
-                let mut varied = first.clone();
-                varied[i] = value.clone();
-                try_out(varied)?;
-            }
-        }
-        Ok(found)
-    }
-
-    /// Sorts faults of a scenario into `found`, with the campaign's line where the campaign set the key. A fault of the scenario alone
-    /// is returned as it is.
-    fn attributed(
-        &self,
-        error: ScenarioError,
-        found: &mut Vec<Fault>,
-    ) -> Result<(), CampaignError> {
-        let related = |key: &str, other: &str| {
-            let inside = |a: &str, b: &str| {
-                a.strip_prefix(b)
-                    .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
-            };
-            inside(key, other) || inside(other, key)
-        };
-        let line = |key: &str| {
-            let axes = self.specification.axes.iter().map(|a| (&a.key, a.line));
-            let draws = self.specification.draws.iter().map(|d| (&d.key, d.line));
-            axes.chain(draws)
-                .find(|(varied, _)| related(key, varied))
-                .map(|(_, line)| line)
-        };
-        let mut ours = Vec::new();
-        for fault in error.faults() {
-            match line(&fault.key) {
-                Some(line) => ours.push(Fault {
-                    line,
-                    ..fault.clone()
-                }),
-                None => return Err(error.into()),
-            }
-        }
-        if ours.is_empty() {
-            return Err(error.into());
-        }
-        for fault in ours {
-            if !found.contains(&fault) {
-                found.push(fault);
-            }
-        }
-        Ok(())
-    }
-
     /// Takes the files of paths into the fingerprint.
     fn add_reference_files(&mut self) -> Result<(), CampaignError> {
         let varies = self.keys().any(|key| key.starts_with("reference"));
@@ -341,22 +255,5 @@ fn kind(values: &[Value], scaled: bool) -> ParameterKind {
         values if values.iter().all(|value| number(value).is_some()) => ParameterKind::Number,
         values if values.iter().all(Value::is_bool) => ParameterKind::Flag,
         _ => ParameterKind::Text,
-    }
-}
-
-/// 64-bit FNV-1a over parts, each with its length, so that parts cannot run into one another. It detects change, not malice.
-#[derive(Debug, Clone)]
-struct Fingerprint(u64);
-
-impl Fingerprint {
-    fn new() -> Self {
-        Self(0xcbf2_9ce4_8422_2325)
-    }
-
-    fn add(&mut self, part: &[u8]) {
-        let length = (part.len() as u64).to_le_bytes();
-        for byte in length.iter().chain(part) {
-            self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3);
-        }
     }
 }
