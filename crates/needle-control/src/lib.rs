@@ -31,6 +31,7 @@ pub use ltv::{
     LinearConfiguration, LinearController, LinearWeights, LtvController, StraightController,
 };
 pub use nmpc::{Convergence, NmpcConfiguration, NmpcController, NmpcWeights, SpinTarget};
+pub use program::PlanSolver;
 pub use reconstruction::{ReconstructedPath, ReconstructionError, reconstruct_path};
 pub use survival::Survival;
 pub use terminal::{TerminalChoice, TerminalError, TerminalRegion};

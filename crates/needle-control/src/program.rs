@@ -10,6 +10,7 @@ use mpc_qp::{
     Start, StructuredSolver, Terminal, TerminalSet,
 };
 use nalgebra::{SMatrix, SVector};
+use std::fmt::Debug;
 use std::time::{Duration, Instant};
 
 /// Where the plan is to end, `(x - center)'shape (x - center) <= level`, and what ties its last stage to the law that takes over.
@@ -62,20 +63,49 @@ impl<const NX: usize> Goal<NX> {
     }
 }
 
+/// A solver that a controller can hold whatever its type: so controllers are compiled once, not for each solver.
+pub trait PlanSolver<const NX: usize>: OcpSolver<NX, 2> + Debug + Send + Sync {
+    /// A copy behind a pointer.
+    fn boxed_clone(&self) -> Box<dyn PlanSolver<NX>>;
+}
+
+impl<S, const NX: usize> PlanSolver<NX> for S
+where
+    S: OcpSolver<NX, 2> + Clone + Debug + Send + Sync + 'static,
+{
+    fn boxed_clone(&self) -> Box<dyn PlanSolver<NX>> {
+        Box::new(self.clone())
+    }
+}
+
+impl<const NX: usize> Clone for Box<dyn PlanSolver<NX>> {
+    fn clone(&self) -> Self {
+        (**self).boxed_clone()
+    }
+}
+
+/// Makes the solver of a program.
+pub(crate) type MakeSolver<'a, const NX: usize> =
+    &'a mut dyn FnMut(&OcpQp<NX, 2>) -> Result<Box<dyn PlanSolver<NX>>, SolveError>;
+
+/// Hides the type of the solvers that are made.
+pub(crate) fn boxed<S: PlanSolver<NX> + 'static, const NX: usize>(
+    mut make_solver: impl FnMut(&OcpQp<NX, 2>) -> Result<S, SolveError>,
+) -> impl FnMut(&OcpQp<NX, 2>) -> Result<Box<dyn PlanSolver<NX>>, SolveError> {
+    move |problem| Ok(Box::new(make_solver(problem)?))
+}
+
 /// One program with its solver and last answer.
 #[derive(Debug, Clone)]
-struct Program<S, const NX: usize> {
+struct Program<const NX: usize> {
     problem: OcpQp<NX, 2>,
-    solver: S,
+    solver: Box<dyn PlanSolver<NX>>,
     solution: Solution<NX, 2>,
     start: Start,
 }
 
-impl<S: OcpSolver<NX, 2>, const NX: usize> Program<S, NX> {
-    fn new(
-        problem: OcpQp<NX, 2>,
-        make_solver: &mut impl FnMut(&OcpQp<NX, 2>) -> Result<S, SolveError>,
-    ) -> Result<Self, SolveError> {
+impl<const NX: usize> Program<NX> {
+    fn new(problem: OcpQp<NX, 2>, make_solver: MakeSolver<'_, NX>) -> Result<Self, SolveError> {
         Ok(Self {
             solver: make_solver(&problem)?,
             solution: Solution::new(&problem),
@@ -157,21 +187,21 @@ fn fill<const NX: usize>(
 
 /// The program without and, if there is a goal, the one with it.
 #[derive(Debug, Clone)]
-pub(crate) struct Programs<S, const NX: usize> {
-    free: Program<S, NX>,
-    bound: Option<Program<S, NX>>,
+pub(crate) struct Programs<const NX: usize> {
+    free: Program<NX>,
+    bound: Option<Program<NX>>,
     /// The last stage of the bound program, with its rows.
     last: Stage<NX, 2>,
     terminal: Terminal<NX>,
     bound_in_force: bool,
 }
 
-impl<S: OcpSolver<NX, 2>, const NX: usize> Programs<S, NX> {
+impl<const NX: usize> Programs<NX> {
     /// Memory for programs of the structure of `free`, and of `goal` where there ever is one.
     pub(crate) fn new(
         free: OcpQp<NX, 2>,
         goal: Option<&Goal<NX>>,
-        mut make_solver: impl FnMut(&OcpQp<NX, 2>) -> Result<S, SolveError>,
+        make_solver: MakeSolver<'_, NX>,
     ) -> Result<Self, ConfigurationError> {
         let mut stages = free.stages().to_vec();
         let mut terminal = free.terminal().clone();
@@ -187,12 +217,12 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Programs<S, NX> {
                 }
                 terminal.set = goal.set();
                 let problem = OcpQp::new(*free.initial_state(), stages, terminal.clone())?;
-                Some(Program::new(problem, &mut make_solver)?)
+                Some(Program::new(problem, make_solver)?)
             }
             None => None,
         };
         Ok(Self {
-            free: Program::new(free, &mut make_solver)?,
+            free: Program::new(free, make_solver)?,
             bound,
             last,
             terminal,

@@ -30,17 +30,32 @@ use pattern::Pattern;
 use std::time::{Duration, Instant};
 use target::{Indices, Values};
 
-/// Clarabel with the sparse pattern of one problem structure.
+/// Clarabel with the sparse pattern of one problem structure. Clarabel's own solver cannot be copied: a clone makes its own at its
+/// first solve.
 pub struct ClarabelSolver<const NX: usize, const NU: usize> {
     layout: Layout<NX, NU>,
     cost: Pattern,
     constraints: Pattern,
     linear: Vec<f64>,
     right: Vec<f64>,
-    solver: DefaultSolver<f64>,
+    solver: Option<DefaultSolver<f64>>,
     settings: SolverSettings,
     cost_scale: f64,
     builds: usize,
+}
+
+impl<const NX: usize, const NU: usize> Clone for ClarabelSolver<NX, NU> {
+    fn clone(&self) -> Self {
+        Self {
+            layout: self.layout.clone(),
+            cost: self.cost.clone(),
+            constraints: self.constraints.clone(),
+            linear: self.linear.clone(),
+            right: self.right.clone(),
+            solver: None,
+            ..*self
+        }
+    }
 }
 
 impl<const NX: usize, const NU: usize> std::fmt::Debug for ClarabelSolver<NX, NU> {
@@ -106,7 +121,7 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
             constraints,
             linear,
             right,
-            solver,
+            solver: Some(solver),
             settings,
             cost_scale: scale,
             builds,
@@ -115,7 +130,7 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
 
     /// Brings the solver to the present values of `problem`.
     fn refill(&mut self, problem: &OcpQp<NX, NU>) -> Result<(), SolveError> {
-        if !self.layout.covers(problem) {
+        if self.solver.is_none() || !self.layout.covers(problem) {
             let layout = self.layout.extended_to(problem);
             *self = Self::build(problem, layout, self.settings, self.builds + 1)?;
             return Ok(());
@@ -135,10 +150,12 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         );
         assemble(problem, &self.layout, &mut values);
         // Clarabel reads an empty update as "no change": a matrix without entries is passed over.
-        self.solver.update_P(self.cost.values())?;
-        self.solver.update_q(&self.linear)?;
-        self.solver.update_A(self.constraints.values())?;
-        self.solver.update_b(&self.right)?;
+        if let Some(solver) = &mut self.solver {
+            solver.update_P(self.cost.values())?;
+            solver.update_q(&self.linear)?;
+            solver.update_A(self.constraints.values())?;
+            solver.update_b(&self.right)?;
+        }
         Ok(())
     }
 }
@@ -190,17 +207,14 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for ClarabelSolver<NX, 
 impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
     /// Solves with the values in place. The status is Clarabel's own, certificates checked.
     fn run(&mut self, problem: &OcpQp<NX, NU>, solution: &mut Solution<NX, NU>) {
-        self.solver.solve();
+        let Some(solver) = &mut self.solver else {
+            return;
+        };
+        solver.solve();
         let price = self.cost_scale.recip();
-        extraction::extract(
-            problem,
-            &self.layout,
-            &self.solver.solution,
-            price,
-            solution,
-        );
+        extraction::extract(problem, &self.layout, &solver.solution, price, solution);
         solution.evaluate(problem);
-        solution.status = extraction::status(problem, self.solver.solution.status, solution);
+        solution.status = extraction::status(problem, solver.solution.status, solution);
     }
 
     /// A second pass with gap tolerances that ask in the problem's units what the first asked in scaled ones: where the
@@ -263,10 +277,11 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
     fn set(&mut self, limits: &SolverSettings, tolerance: f64) -> Result<(), SolveError> {
         let mut settings = clarabel_settings(limits);
         (settings.tol_gap_abs, settings.tol_gap_rel) = (tolerance, tolerance);
-        Ok(self
-            .solver
-            .update_settings(settings)
-            .map_err(clarabel::solver::SolverError::from)?)
+        if let Some(solver) = &mut self.solver {
+            let updated = solver.update_settings(settings);
+            updated.map_err(clarabel::solver::SolverError::from)?;
+        }
+        Ok(())
     }
 
     /// The status that the shared residuals support, for all statuses that claim an answer or stopped short of one.

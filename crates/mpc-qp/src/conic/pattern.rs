@@ -7,6 +7,7 @@ use crate::error::SolveError;
 use faer::sparse::{Pair, SparseColMat, SymbolicSparseColMat};
 
 /// Pattern, values, and the place of each emitted value.
+#[derive(Clone)]
 pub(super) struct Pattern {
     symbolic: SymbolicSparseColMat<usize>,
     values: Vec<f64>,

@@ -14,14 +14,14 @@ use crate::controller::{
     ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
 };
 use crate::follower::Follower;
-use crate::program::structured;
+use crate::program::{MakeSolver, PlanSolver, boxed, structured};
 use crate::survival::{Guard, Sample};
 use crate::terminal::{
     ALL_COORDINATES, Chosen, DEPTH_AND_ROLL, Ingredients, TerminalChoice, TerminalRegion,
 };
 use crate::tracking::Tracker;
 use lqr::Certificate;
-use mpc_qp::{ConstraintGroup, OcpQp, OcpSolver, SolveError, StructuredSolver};
+use mpc_qp::{ConstraintGroup, OcpQp, SolveError};
 use nalgebra::{SMatrix, SVector, Vector2, Vector6};
 use needle_model::{Input, Needle, Pose, ReferencePath, StepError};
 use regulator::{Regulator, weighted_stage};
@@ -29,11 +29,11 @@ use std::time::Instant;
 
 /// Model predictive controller linearised along the reference; `NX` counts the coordinates of the error and the two inputs.
 #[derive(Debug, Clone)]
-pub struct LinearController<S, const NX: usize> {
+pub struct LinearController<const NX: usize> {
     configuration: LinearConfiguration,
     coordinates: &'static [usize],
     follower: Follower,
-    regulator: Regulator<S, NX>,
+    regulator: Regulator<NX>,
     ingredients: Ingredients,
     chosen: TerminalChoice,
     /// Poses of the last plan that was applied, from its own sample on.
@@ -46,10 +46,10 @@ pub struct LinearController<S, const NX: usize> {
 }
 
 /// Linear time-varying controller on SE(3).
-pub type LtvController<S = StructuredSolver<8, 2>> = LinearController<S, 8>;
+pub type LtvController = LinearController<8>;
 
 /// Controller of the straight needle: depth and roll.
-pub type StraightController<S = StructuredSolver<4, 2>> = LinearController<S, 4>;
+pub type StraightController = LinearController<4>;
 
 impl LtvController {
     /// A controller at the start of `path`, at rest, on the structured solver.
@@ -64,14 +64,12 @@ impl LtvController {
         let make_solver = structured(configuration.survival.deadline);
         Self::with_solver(needle, path, configuration, make_solver)
     }
-}
 
-impl<S: OcpSolver<8, 2>> LtvController<S> {
     /// The same on a solver of the caller's choice.
     ///
     /// # Errors
     /// As [`LtvController::new`].
-    pub fn with_solver(
+    pub fn with_solver<S: PlanSolver<8> + 'static>(
         needle: Needle,
         path: ReferencePath,
         configuration: LinearConfiguration,
@@ -87,7 +85,7 @@ impl<S: OcpSolver<8, 2>> LtvController<S> {
             configuration,
             coordinates,
             chosen,
-            make_solver,
+            &mut boxed(make_solver),
         )
     }
 }
@@ -105,14 +103,12 @@ impl StraightController {
         let make_solver = structured(configuration.survival.deadline);
         Self::with_solver(needle, path, configuration, make_solver)
     }
-}
 
-impl<S: OcpSolver<4, 2>> StraightController<S> {
     /// The same on a solver of the caller's choice.
     ///
     /// # Errors
     /// As [`StraightController::new`].
-    pub fn with_solver(
+    pub fn with_solver<S: PlanSolver<4> + 'static>(
         needle: Needle,
         path: ReferencePath,
         configuration: LinearConfiguration,
@@ -128,12 +124,12 @@ impl<S: OcpSolver<4, 2>> StraightController<S> {
             configuration,
             coordinates,
             chosen,
-            make_solver,
+            &mut boxed(make_solver),
         )
     }
 }
 
-impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
+impl<const NX: usize> LinearController<NX> {
     fn assemble(
         needle: Needle,
         path: ReferencePath,
@@ -143,7 +139,7 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
             choice,
             ingredients,
         }: Chosen,
-        make_solver: impl FnMut(&OcpQp<NX, 2>) -> Result<S, SolveError>,
+        make_solver: MakeSolver<'_, NX>,
     ) -> Result<Self, ConfigurationError> {
         let LinearConfiguration {
             horizon,
@@ -331,17 +327,8 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> LinearController<S, NX> {
             self.predicted[k] = reference[k].perturbed(&xi);
         }
     }
-}
 
-fn absolute(wanted: Input, deviation: &Vector2<f64>) -> Input {
-    Input {
-        v_mm_s: wanted.v_mm_s + deviation[0],
-        omega_rad_s: wanted.omega_rad_s + deviation[1],
-    }
-}
-
-impl<S: OcpSolver<NX, 2>, const NX: usize> Controller for LinearController<S, NX> {
-    fn step(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_> {
+    fn decided(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_> {
         let started = Instant::now();
         self.statistics = SolverStatistics::default();
         let (input, origin) = self.decide(measurement, time_s, started);
@@ -359,10 +346,38 @@ impl<S: OcpSolver<NX, 2>, const NX: usize> Controller for LinearController<S, NX
         }
     }
 
-    fn reset(&mut self) {
+    fn forget(&mut self) {
         self.follower.reset();
         self.regulator.shift(usize::MAX);
         self.lag_s = 0.0;
         self.value = f64::NAN;
+    }
+}
+
+// One for each, not one for all `NX`: so both are compiled here and not again in every crate that uses them.
+impl Controller for LtvController {
+    fn step(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_> {
+        self.decided(measurement, time_s)
+    }
+
+    fn reset(&mut self) {
+        self.forget();
+    }
+}
+
+impl Controller for StraightController {
+    fn step(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_> {
+        self.decided(measurement, time_s)
+    }
+
+    fn reset(&mut self) {
+        self.forget();
+    }
+}
+
+fn absolute(wanted: Input, deviation: &Vector2<f64>) -> Input {
+    Input {
+        v_mm_s: wanted.v_mm_s + deviation[0],
+        omega_rad_s: wanted.omega_rad_s + deviation[1],
     }
 }

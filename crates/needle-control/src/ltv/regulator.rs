@@ -7,17 +7,17 @@
 
 use crate::configuration::ConfigurationError;
 use crate::limits::InputLimits;
-use crate::program::{Account, Goal, Programs};
+use crate::program::{Account, Goal, MakeSolver, Programs};
 use crate::terminal::Ingredients;
-use mpc_qp::{OcpQp, OcpSolver, ProblemError, Solution, SolveError, Stage, Terminal};
+use mpc_qp::{OcpQp, ProblemError, Solution, Stage, Terminal};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use needle_model::Input;
 use std::time::Duration;
 
 /// Solves for the input deviation; `NX` counts the error and the two inputs.
 #[derive(Debug, Clone)]
-pub(crate) struct Regulator<S, const NX: usize> {
-    programs: Programs<S, NX>,
+pub(crate) struct Regulator<const NX: usize> {
+    programs: Programs<NX>,
     stages: Vec<Stage<NX, 2>>,
     terminal: Terminal<NX>,
     goal: Goal<NX>,
@@ -49,14 +49,14 @@ pub(crate) fn weighted_stage<const NX: usize>(
     stage
 }
 
-impl<S: OcpSolver<NX, 2>, const NX: usize> Regulator<S, NX> {
+impl<const NX: usize> Regulator<NX> {
     pub(crate) fn new(
         stage: Stage<NX, 2>,
         horizon: usize,
         limits: InputLimits,
         dt_s: f64,
         ingredients: &Ingredients,
-        make_solver: impl FnMut(&OcpQp<NX, 2>) -> Result<S, SolveError>,
+        make_solver: MakeSolver<'_, NX>,
     ) -> Result<Self, ConfigurationError> {
         let stages = vec![stage; horizon];
         let end = ingredients.at(0);

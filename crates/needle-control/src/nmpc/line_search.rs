@@ -4,7 +4,6 @@
 use super::plan::Plan;
 use super::shooting::Shooting;
 use crate::tracking::Tracker;
-use mpc_qp::OcpSolver;
 use needle_model::{Input, Needle};
 
 /// Step lengths of a line search, largest first: 1, 1/2, ... .
@@ -13,7 +12,7 @@ const LINE_SEARCH_STEPS: i32 = 12;
 /// Fraction of the predicted decrease that a step must bring (Armijo).
 const SUFFICIENT_DECREASE: f64 = 1e-4;
 
-impl<S: OcpSolver<6, 2>> Shooting<S> {
+impl Shooting {
     /// Moves the plan along the step as far as the exact penalty function falls enough; false if nowhere.
     pub(crate) fn search(&mut self, needle: &Needle, tracker: &Tracker) -> bool {
         let costates = &self.programs.solution().multipliers.costates;

@@ -23,12 +23,12 @@ use crate::controller::{
     ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
 };
 use crate::follower::Follower;
-use crate::program::structured;
+use crate::program::{PlanSolver, boxed, structured};
 use crate::survival::{Guard, Sample};
 use crate::terminal::{ALL_COORDINATES, Chosen, TerminalChoice, TerminalRegion};
 use crate::tracking::Tracker;
 use lqr::Certificate;
-use mpc_qp::{ConstraintGroup, OcpQp, OcpSolver, SolveError, SolveStatus, StructuredSolver};
+use mpc_qp::{ConstraintGroup, OcpQp, SolveError, SolveStatus};
 use needle_model::{Input, Needle, Pose, ReferencePath};
 use plan::Plan;
 use shooting::Shooting;
@@ -36,11 +36,11 @@ use std::time::Instant;
 
 /// Nonlinear model predictive controller of a bevel-tip needle along a path.
 #[derive(Debug, Clone)]
-pub struct NmpcController<S = StructuredSolver<6, 2>> {
+pub struct NmpcController {
     configuration: NmpcConfiguration,
     follower: Follower,
     chosen: Chosen,
-    shooting: Shooting<S>,
+    shooting: Shooting,
     candidate: Plan,
     /// Poses of the last plan that was applied, from its own sample on.
     applied: Vec<Pose>,
@@ -64,14 +64,12 @@ impl NmpcController {
         let make_solver = structured(configuration.survival.deadline);
         Self::with_solver(needle, path, configuration, make_solver)
     }
-}
 
-impl<S: OcpSolver<6, 2>> NmpcController<S> {
     /// The same on a solver of the caller's choice.
     ///
     /// # Errors
     /// [`ConfigurationError`] names the setting that is out of range, or holds the solver's refusal.
-    pub fn with_solver(
+    pub fn with_solver<S: PlanSolver<6> + 'static>(
         needle: Needle,
         path: ReferencePath,
         configuration: NmpcConfiguration,
@@ -88,7 +86,7 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
         } = configuration;
         let chosen = terminal::chosen(needle, &path, &configuration)?;
         let with_set = chosen.ingredients.at(0).level.is_some();
-        let shooting = Shooting::new(&configuration, with_set, make_solver)?;
+        let shooting = Shooting::new(&configuration, with_set, &mut boxed(make_solver))?;
         let start = path.poses().first().copied().unwrap_or_else(Pose::identity);
         Ok(Self {
             follower: Follower::new(
@@ -238,7 +236,7 @@ impl<S: OcpSolver<6, 2>> NmpcController<S> {
     }
 }
 
-impl<S: OcpSolver<6, 2>> Controller for NmpcController<S> {
+impl Controller for NmpcController {
     fn step(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_> {
         let started = Instant::now();
         self.statistics = SolverStatistics::default();

@@ -19,22 +19,22 @@ use super::plan::Plan;
 use crate::configuration::ConfigurationError;
 use crate::follower::Follower;
 use crate::limits::InputLimits;
-use crate::program::{Account, Goal, Programs};
+use crate::program::{Account, Goal, MakeSolver, Programs};
 use crate::tracking::Tracker;
-use mpc_qp::{OcpQp, OcpSolver, SolveError, SolveStatus, Stage, Terminal};
+use mpc_qp::{OcpQp, SolveStatus, Stage, Terminal};
 use nalgebra::{Matrix2, Matrix6, Matrix6x2, Vector2, Vector6};
 use needle_model::{Input, Needle, StepError};
 use std::time::Instant;
 
 /// The plan and the memory to improve it.
 #[derive(Debug, Clone)]
-pub(crate) struct Shooting<S> {
+pub(crate) struct Shooting {
     pub(super) weights: NmpcWeights,
     spin_target: SpinTarget,
     limits: InputLimits,
     pub(super) dt_s: f64,
     damping: f64,
-    pub(super) programs: Programs<S, 6>,
+    pub(super) programs: Programs<6>,
     stage: Stage<6, 2>,
     terminal: Terminal<6>,
     goal: Goal<6>,
@@ -45,12 +45,12 @@ pub(crate) struct Shooting<S> {
     pub(crate) plan: Plan,
 }
 
-impl<S: OcpSolver<6, 2>> Shooting<S> {
+impl Shooting {
     /// Memory for a configuration that is valid; `with_set` if a terminal set will be asked for.
     pub(crate) fn new(
         configuration: &NmpcConfiguration,
         with_set: bool,
-        make_solver: impl FnMut(&OcpQp<6, 2>) -> Result<S, SolveError>,
+        make_solver: MakeSolver<'_, 6>,
     ) -> Result<Self, ConfigurationError> {
         let NmpcConfiguration {
             horizon,

@@ -7,7 +7,6 @@ use super::spin::{Sense, SpinLaw};
 use crate::follower::Follower;
 use crate::survival::Sample;
 use crate::tracking::Tracker;
-use mpc_qp::OcpSolver;
 use needle_model::{Input, Needle, Pose};
 use std::time::Instant;
 
@@ -46,7 +45,7 @@ impl Guess<'_> {
     }
 }
 
-impl<S: OcpSolver<6, 2>> NmpcController<S> {
+impl NmpcController {
     fn law(&self) -> SpinLaw {
         SpinLaw {
             omega_max_rad_s: self.configuration.limits.omega_max_rad_s,

@@ -9,23 +9,24 @@ use needle_control::{
     Origin, Survival,
 };
 use needle_model::Pose;
-use std::cell::Cell;
-use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 const DEADLINE: Duration = Duration::from_millis(400);
 
 /// A solver that sleeps through the deadline when it is told to.
+#[derive(Debug, Clone)]
 struct Sleepy<const NX: usize> {
     solver: StructuredSolver<NX, 2>,
-    asleep: Rc<Cell<bool>>,
+    asleep: Arc<AtomicBool>,
 }
 
 impl<const NX: usize> Sleepy<NX> {
-    fn new(problem: &OcpQp<NX, 2>, asleep: &Rc<Cell<bool>>) -> Result<Self, SolveError> {
+    fn new(problem: &OcpQp<NX, 2>, asleep: &Arc<AtomicBool>) -> Result<Self, SolveError> {
         Ok(Self {
             solver: StructuredSolver::new(problem, SolverSettings::default())?,
-            asleep: Rc::clone(asleep),
+            asleep: Arc::clone(asleep),
         })
     }
 }
@@ -37,7 +38,7 @@ impl<const NX: usize> OcpSolver<NX, 2> for Sleepy<NX> {
         start: Start,
         solution: &mut Solution<NX, 2>,
     ) -> Result<(), SolveError> {
-        if self.asleep.get() {
+        if self.asleep.load(Ordering::Relaxed) {
             std::thread::sleep(DEADLINE + Duration::from_millis(20));
         }
         self.solver.solve(problem, start, solution)
@@ -52,9 +53,9 @@ fn within(deadline: Duration) -> Survival {
 }
 
 /// Two good steps, two late ones, and a good one again.
-fn origins(controller: &mut impl Controller, asleep: &Cell<bool>) -> Vec<Origin> {
+fn origins(controller: &mut impl Controller, asleep: &AtomicBool) -> Vec<Origin> {
     let step = |(sample, late): (usize, bool)| {
-        asleep.set(late);
+        asleep.store(late, Ordering::Relaxed);
         let pose = Pose::exp(&Vector6::new(0.0, 0.0, 0.5 * sample as f64, 0.0, 0.0, 0.0));
         controller
             .step(&Measurement::of(pose), sample as f64 * DT_S)
@@ -80,7 +81,7 @@ fn assert_told(name: &str, origins: &[Origin]) {
 
 #[test]
 fn late_steps_at_horizon_100_take_the_shifted_plan_and_say_so() {
-    let asleep = Rc::new(Cell::new(false));
+    let asleep = Arc::new(AtomicBool::new(false));
     let linear = LinearConfiguration {
         horizon: 100,
         survival: within(DEADLINE),

@@ -12,23 +12,26 @@ use needle_control::{
     Origin, StopReason,
 };
 use needle_model::{Input, Pose};
-use std::cell::Cell;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex};
 
 /// How a solve goes wrong: with a status, or with an error where there is none.
 type Fault = Option<SolveStatus>;
 
+/// The fault of the next solves, none at first.
+type Switch = Arc<Mutex<Option<Fault>>>;
+
 /// Answers as it is told, with the numbers of a good solver.
+#[derive(Debug, Clone)]
 struct Faulty<const NX: usize> {
     solver: StructuredSolver<NX, 2>,
-    fault: Rc<Cell<Option<Fault>>>,
+    fault: Switch,
 }
 
 impl<const NX: usize> Faulty<NX> {
-    fn new(problem: &OcpQp<NX, 2>, fault: &Rc<Cell<Option<Fault>>>) -> Result<Self, SolveError> {
+    fn new(problem: &OcpQp<NX, 2>, fault: &Switch) -> Result<Self, SolveError> {
         Ok(Self {
             solver: StructuredSolver::new(problem, SolverSettings::default())?,
-            fault: Rc::clone(fault),
+            fault: Arc::clone(fault),
         })
     }
 }
@@ -41,7 +44,7 @@ impl<const NX: usize> OcpSolver<NX, 2> for Faulty<NX> {
         solution: &mut Solution<NX, 2>,
     ) -> Result<(), SolveError> {
         self.solver.solve(problem, start, solution)?;
-        match self.fault.get() {
+        match *self.fault.lock().unwrap() {
             None => {}
             Some(Some(status)) => solution.status = status,
             Some(None) => {
@@ -57,12 +60,7 @@ impl<const NX: usize> OcpSolver<NX, 2> for Faulty<NX> {
 }
 
 /// Drives through a fault in the samples 3 to 6, and one of 12 samples from 20 on, longer than plans are kept.
-fn assert_survives(
-    name: &str,
-    controller: &mut impl Controller,
-    fault: Fault,
-    switch: &Cell<Option<Fault>>,
-) {
+fn assert_survives(name: &str, controller: &mut impl Controller, fault: Fault, switch: &Switch) {
     let path = helix(100);
     let mut previous = Input::ZERO;
     let stopped = Origin::Stop {
@@ -74,7 +72,7 @@ fn assert_survives(
             20..32 => step - 19,
             _ => 0,
         };
-        switch.set((age > 0).then_some(fault));
+        *switch.lock().unwrap() = (age > 0).then_some(fault);
         let decided = controller.step(&Measurement::of(path.poses()[step]), on_time(step));
         let (input, origin) = (decided.input, decided.origin);
         let what = format!("{name}, {fault:?}, step {step}: {input:?}, {origin:?}");
@@ -112,10 +110,10 @@ fn every_end_of_a_solve_without_an_answer_is_bridged_and_recovered_from() {
         Some(SolveStatus::NumericalTrouble),
         None,
     ];
-    let switch = Rc::new(Cell::new(None));
+    let switch = Switch::default();
     let needle = crate::linear::needle();
     for fault in faults {
-        switch.set(None);
+        *switch.lock().unwrap() = None;
         let (linear, nonlinear) = (LinearConfiguration::default(), NmpcConfiguration::default());
         let mut ltv =
             LtvController::with_solver(needle, helix(100), linear, |p| Faulty::new(p, &switch))
@@ -130,7 +128,7 @@ fn every_end_of_a_solve_without_an_answer_is_bridged_and_recovered_from() {
 
 #[test]
 fn shifted_plan_predicts_the_poses_of_the_plan_it_is_from() {
-    let switch = Rc::new(Cell::new(None));
+    let switch = Switch::default();
     let mut nmpc = NmpcController::with_solver(
         crate::linear::needle(),
         helix(100),
@@ -140,7 +138,7 @@ fn shifted_plan_predicts_the_poses_of_the_plan_it_is_from() {
     .unwrap();
     let start = Measurement::of(Pose::identity());
     let planned = nmpc.step(&start, 0.0).predicted.to_vec();
-    switch.set(Some(Some(SolveStatus::NumericalTrouble)));
+    *switch.lock().unwrap() = Some(Some(SolveStatus::NumericalTrouble));
     for age in 1..4 {
         let decided = nmpc.step(&start, on_time(age));
         assert_eq!(decided.origin, Origin::ShiftedPlan { age });

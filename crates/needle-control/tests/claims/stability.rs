@@ -3,7 +3,7 @@
 
 use crate::linear::{HELIX, needle, path};
 use crate::scene::{DT_S, Noise};
-use mpc_qp::{ClarabelSolver, OcpSolver, SolverSettings};
+use mpc_qp::{ClarabelSolver, SolverSettings};
 use nalgebra::{Vector2, Vector6};
 use needle_control::{
     ControlStep, Controller, LinearConfiguration, LinearController, LinearWeights, LtvController,
@@ -73,11 +73,14 @@ fn stage_cost(
 }
 
 /// Runs the error system from a start; false if the start itself is infeasible.
-fn descends<S: OcpSolver<NX, 2>, const NX: usize>(
-    controller: &mut LinearController<S, NX>,
+fn descends<const NX: usize>(
+    controller: &mut LinearController<NX>,
     mut plant: LinearPlant<'_>,
     steps: usize,
-) -> bool {
+) -> bool
+where
+    LinearController<NX>: Controller,
+{
     controller.reset();
     let start = plant.xi;
     let mut before: Option<(f64, f64)> = None;
