@@ -34,12 +34,7 @@ impl Pair {
     }
 
     fn stage(&self) -> Stage<'_> {
-        Stage {
-            a: self.a.as_ref(),
-            b: self.b.as_ref(),
-            q: self.q.as_ref(),
-            r: self.r.as_ref(),
-        }
+        Stage::new(self.a.as_ref(), self.b.as_ref(), self.q.as_ref(), self.r.as_ref())
     }
 }
 

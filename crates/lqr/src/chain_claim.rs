@@ -5,7 +5,8 @@
 //! What follows the last set is the caller's: a terminal set certified on its own.
 
 use crate::certificate::{Certificate, Check, Rigour};
-use crate::chain::{BackwardChain, ChainError, Stage, validated};
+use crate::chain::{BackwardChain, Stage, validated};
+use crate::chain_error::ChainError;
 use crate::checks::{ExactLaw, admissibility_check, admissible, malformed, semidefinite};
 use crate::constraints::{Constraints, LawRow};
 use crate::dense::{add_scaled, congruence, identity, mul, norm, symmetrise};

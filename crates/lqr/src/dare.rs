@@ -6,35 +6,13 @@
 //! from below (`proved_measure`). The explicit test runs where that bound is too weak, or where no
 //! candidate was good, to name the mode that is to blame.
 
+use crate::balance::Balanced;
+use crate::conditioning::Conditioning;
 use crate::dare_error::DareError;
-use crate::hautus::UncontrollableMode;
-use crate::input::{self, InputError};
-use crate::riccati::{Balanced, Problem, indefinite};
+use crate::input::InputError;
+use crate::riccati::Problem;
 use crate::verdict;
 use faer::{Mat, MatRef};
-
-/// What is nearly lost in an otherwise good solution.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-#[non_exhaustive]
-pub enum NearLoss {
-    /// The closed loop's spectral radius is above 0.999.
-    SlowClosedLoop,
-    /// A mode that needs an input has a Hautus measure below 1e-6.
-    WeakInput,
-    /// The condition number of P is above 1e7, infinite included.
-    IllConditionedP,
-    /// The residual could not be brought below 1e-11.
-    Residual,
-}
-
-/// The warning of a solution that is valid and fragile.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Conditioning {
-    /// What is nearly lost, at least one.
-    pub losses: Vec<NearLoss>,
-    /// The weakest mode on or outside the unit circle (balanced coordinates), where there is one.
-    pub weakest_mode: Option<UncontrollableMode>,
-}
 
 /// The stabilising solution.
 #[derive(Debug, Clone)]
@@ -106,29 +84,17 @@ impl<'a> Dare<'a> {
 
     /// The data with shapes, finiteness and symmetry checked.
     pub(crate) fn problem(&self) -> Result<Problem, InputError> {
-        let (a, b) = input::pair(self.a, self.b)?;
-        let (n, m) = (b.nrows(), b.ncols());
-        let q = input::symmetric("Q", self.q, n)?;
-        let r = input::symmetric("R", self.r, m)?;
-        let s = self.s.map(|s| input::matrix("S", s, (n, m))).transpose()?;
-        Ok(Problem { a, b, q, r, s })
+        Problem::read(self.a, self.b, self.q, self.r, self.s)
     }
 
     fn validated(&self) -> Result<Problem, DareError> {
         let problem = self.problem()?;
-        let joint = problem.joint_weight();
-        for (name, weight) in [
-            ("Q", Some(&problem.q)),
-            ("R", Some(&problem.r)),
-            ("[Q S; S' R]", joint.as_ref()),
-        ] {
-            if let Some((eigenvalue, tolerance)) = weight.and_then(indefinite) {
-                return Err(DareError::IndefiniteWeight {
-                    name,
-                    eigenvalue,
-                    tolerance,
-                });
-            }
+        if let Some((name, eigenvalue, tolerance)) = problem.indefinite_weight() {
+            return Err(DareError::IndefiniteWeight {
+                name,
+                eigenvalue,
+                tolerance,
+            });
         }
         Ok(problem)
     }

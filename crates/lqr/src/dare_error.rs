@@ -54,6 +54,16 @@ pub enum DareError {
         /// Bound on the movement over the distance, in coordinates where the closed loop is a contraction; one half is refused.
         sensitivity: f64,
     },
+    /// The weights are semidefinite up to rounding only, and what they leave of P at a slow or far-off mode is negative.
+    #[error(
+        "the solution is not positive semidefinite: least eigenvalue {eigenvalue:e}, tolerance {tolerance:e}"
+    )]
+    IndefiniteSolution {
+        /// Least eigenvalue of P, or x'Px at a unit x where P is small and the units hide it.
+        eigenvalue: f64,
+        /// Distance below zero that counts as rounding.
+        tolerance: f64,
+    },
     /// Entries so large or small that powers of the matrices overflow.
     #[error("the eigenvalues of A could not be computed")]
     Spectrum(#[source] SpectrumError),

@@ -142,6 +142,23 @@ impl Exact {
         }
     }
 
+    /// The moduli of the entries.
+    pub(crate) fn modulus(&self) -> Self {
+        let entries = self
+            .entries
+            .iter()
+            .map(|x| BigInt::from(x.magnitude().clone()));
+        Self {
+            entries: entries.collect(),
+            ..*self
+        }
+    }
+
+    /// Whether every entry is zero.
+    pub(crate) fn is_zero(&self) -> bool {
+        self.entries.iter().all(|x| x.sign() == Sign::NoSign)
+    }
+
     /// `a' self a`.
     pub(crate) fn congruence(&self, a: &Self) -> Self {
         a.transpose().mul(&self.mul(a))

@@ -346,13 +346,42 @@ impl<'a> Search<'a> {
     fn descend(&self, start: c64) -> UncontrollableMode {
         let mut best = self.at(start);
         for _ in 0..MAX_REFINEMENTS {
-            let next = self.at(self.quotient(&best.left_eigenvector));
+            let by_quotient = self.at(self.quotient(&best.left_eigenvector));
+            let by_newton = self.at(self.newton(&best));
+            let next = if by_newton.measure < by_quotient.measure {
+                by_newton
+            } else {
+                by_quotient
+            };
             if !(next.measure < 0.99 * best.measure) {
                 break;
             }
             best = next;
         }
         best
+    }
+
+    /// The zero of the tangent to w*[A - lambda I, B]v, v the right singular vector to w: where w is skewed against the eigenvector, w*Aw
+    /// is off by its first-order error and this is not.
+    fn newton(&self, mode: &UncontrollableMode) -> c64 {
+        let w = &mode.left_eigenvector;
+        // v = [A - lambda I, B]*w / sigma, so w*v = sum of |w*..|^2 over sigma: only its part on the states moves with lambda.
+        let on_states = (0..self.a.ncols()).map(|j| {
+            let sum = (0..w.len()).fold(-(w[j].conj() * mode.eigenvalue), |sum, i| {
+                sum + w[i].conj() * self.a[(i, j)]
+            });
+            (w[j], sum)
+        });
+        let overlap = on_states.fold(c64::new(0.0, 0.0), |total, (w, v)| {
+            total + w.conj() * v.conj()
+        });
+        let square = overlap.re * overlap.re + overlap.im * overlap.im;
+        let sigma = mode.measure * self.scale;
+        if square > 0.0 {
+            mode.eigenvalue + overlap.conj() * (sigma * sigma / square)
+        } else {
+            mode.eigenvalue
+        }
     }
 
     /// w*Aw, the lambda with the least |w*(A - lambda I)|.

@@ -1,12 +1,16 @@
 #![doc = include_str!("../README.md")]
 
+mod balance;
 mod certificate;
 mod chain;
 mod chain_claim;
+mod chain_error;
 mod checks;
+mod conditioning;
 mod constraints;
 mod dare;
 mod dare_error;
+mod definiteness;
 mod dense;
 mod double_double;
 mod doubling;
@@ -19,7 +23,9 @@ mod hautus;
 mod hessenberg_qr;
 mod input;
 mod max_volume;
+mod periodic;
 mod polytope;
+mod polytope_claim;
 mod proved_measure;
 mod rate_augmented;
 mod riccati;
@@ -32,10 +38,12 @@ mod verdict;
 mod zeros;
 
 pub use certificate::{Certificate, Check, Rigour, Witness};
-pub use chain::{BackwardChain, ChainError, PeriodicSolution, Stage};
+pub use chain::{BackwardChain, Stage};
 pub use chain_claim::{ChainClaim, ChainClaimError};
+pub use chain_error::ChainError;
+pub use conditioning::{Conditioning, NearLoss};
 pub use constraints::{Constraint, ConstraintError, ConstraintKind, Constraints, LawRow};
-pub use dare::{Conditioning, Dare, DareSolution, NearLoss};
+pub use dare::{Dare, DareSolution};
 pub use dare_error::DareError;
 pub use ellipsoid::{Ellipsoid, LevelReason, TerminalSetError, chain_levels};
 pub use hautus::{
@@ -43,7 +51,9 @@ pub use hautus::{
 };
 pub use input::InputError;
 pub use max_volume::largest_volume_ellipsoid;
-pub use polytope::{AdmissibleSet, Determination, SetRow};
+pub use periodic::PeriodicSolution;
+pub use polytope::{AdmissibleSet, Caps, Determination, SetRow};
+pub use polytope_claim::PolytopeClaim;
 pub use rate_augmented::RateAugmented;
 pub use spectrum::{SpectrumError, discrete_lyapunov, spectral_radius};
 pub use subspace::{ControllableSubspace, controllable_subspace};

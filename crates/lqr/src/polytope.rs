@@ -3,7 +3,7 @@
 //! O_t holds the states whose next t + 1 values satisfy all rows: { x : f_i A_K^j x <= h_i, j = 0..t }. When the rows of step t + 1
 //! are implied by O_t, which linear programs decide, O_t is invariant and the largest such set. Limits may be asymmetric
 //! and may be zero (0 <= v: the origin on the boundary), but then, and for a spectral radius near one, the number of steps grows without
-//! bound: at 0.99 an oscillating mode needs hundreds of steps and as many rows. The cap answers with what was reached.
+//! bound: at 0.99 an oscillating mode needs hundreds of steps and as many rows. Caps on both answer with what was reached.
 
 use crate::constraints::LawRow;
 use crate::dense::{mul, norm};
@@ -13,8 +13,19 @@ use crate::simplex::{Maximum, maximise};
 use crate::spectrum;
 use faer::{Mat, MatRef};
 
-/// A row implied up to this, with the row scaled to unit length, relative to 1 + bound, counts as implied.
-const IMPLIED: f64 = 1e-9;
+/// A row of unit length implied up to this counts as implied, relative to its bound plus the least bound that is not zero.
+pub(crate) const IMPLIED: f64 = 1e-9;
+/// Rows that are kept where the caller names no cap.
+const MAX_ROWS: usize = 1000;
+
+/// Where the iteration gives up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Caps {
+    /// Steps looked ahead.
+    pub steps: usize,
+    /// Rows that are not redundant.
+    pub rows: usize,
+}
 
 /// Where the iteration ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,6 +37,13 @@ pub enum Determination {
     },
     /// The cap was met: the set is an outer bound of the maximal one and **not** shown to be invariant.
     CapMet {
+        /// Steps taken.
+        steps: usize,
+    },
+    /// The cap on rows was exceeded, with the same consequence.
+    RowCapMet {
+        /// Rows that are not redundant, more than the cap.
+        rows: usize,
         /// Steps taken.
         steps: usize,
     },
@@ -54,7 +72,7 @@ pub struct AdmissibleSet {
 }
 
 impl AdmissibleSet {
-    /// The maximal admissible invariant set of x+ = `closed_loop` x under `rows`, looking at most `max_steps` ahead.
+    /// The maximal admissible invariant set of x+ = `closed_loop` x under `rows`, looking at most `max_steps` ahead with at most 1000 rows.
     ///
     /// # Errors
     /// [`TerminalSetError::Unstable`] for a spectral radius of one or more, `Input` for shapes.
@@ -62,6 +80,22 @@ impl AdmissibleSet {
         closed_loop: MatRef<'_, f64>,
         rows: &[LawRow],
         max_steps: usize,
+    ) -> Result<Self, TerminalSetError> {
+        let caps = Caps {
+            steps: max_steps,
+            rows: MAX_ROWS,
+        };
+        Self::maximal_within(closed_loop, rows, caps)
+    }
+
+    /// As [`AdmissibleSet::maximal`], within the given caps.
+    ///
+    /// # Errors
+    /// As [`AdmissibleSet::maximal`].
+    pub fn maximal_within(
+        closed_loop: MatRef<'_, f64>,
+        rows: &[LawRow],
+        caps: Caps,
     ) -> Result<Self, TerminalSetError> {
         let n = closed_loop.nrows();
         if n == 0 {
@@ -83,32 +117,46 @@ impl AdmissibleSet {
         // Rows f_i A_K^t of the current step, one column each.
         let mut ahead = Mat::from_fn(n, rows.len(), |j, i| rows[i].row[j]);
         let transposed = a.transpose().to_owned();
-        for step in 0..=max_steps {
+        let mut room = 0.0;
+        for step in 0..=caps.steps {
             let fresh: Vec<SetRow> = rows
                 .iter()
                 .enumerate()
                 .filter_map(|(i, row)| normalised(ahead.col_as_slice(i), row, step))
                 .collect();
-            let mut added = false;
+            if step == 0 {
+                room = least_room(&fresh);
+            }
+            let before = found.len();
             for row in fresh {
-                if !is_implied(&row, found.iter()) {
+                if !is_implied(&row, found.iter(), room) {
                     found.push(row);
-                    added = true;
                 }
             }
-            if !added {
+            if found.len() == before {
                 let index = step.saturating_sub(1);
                 return Ok(Self {
-                    rows: without_redundancy(found),
+                    rows: without_redundancy(found, room),
                     determination: Determination::Determined { index },
+                });
+            }
+            if found.len() > caps.rows {
+                found = without_redundancy(found, room);
+            }
+            if found.len() > caps.rows {
+                return Ok(Self {
+                    determination: Determination::RowCapMet {
+                        rows: found.len(),
+                        steps: step,
+                    },
+                    rows: found,
                 });
             }
             ahead = mul(&transposed, &ahead);
         }
-        let determination = Determination::CapMet { steps: max_steps };
         Ok(Self {
-            rows: without_redundancy(found),
-            determination,
+            rows: without_redundancy(found, room),
+            determination: Determination::CapMet { steps: caps.steps },
         })
     }
 
@@ -136,13 +184,25 @@ impl AdmissibleSet {
         let n = self.rows.first().map_or(row.len(), |first| first.row.len());
         let column = MatRef::from_column_major_slice(row, row.len(), 1);
         input::matrix("row", column, (n, 1))?;
-        let rows = self.rows.iter().map(|r| (r.row.as_slice(), r.bound));
-        Ok(match maximise(row, rows) {
+        Ok(match maximise(row, self.half_spaces()) {
             Maximum::Value(value) => Some(value),
             Maximum::Unbounded => Some(f64::INFINITY),
             Maximum::Unsettled => None,
         })
     }
+
+    pub(crate) fn half_spaces(&self) -> impl Iterator<Item = (&[f64], f64)> {
+        self.rows.iter().map(|r| (r.row.as_slice(), r.bound))
+    }
+}
+
+/// The least bound that is not zero: the size of what is to be told apart.
+fn least_room(rows: &[SetRow]) -> f64 {
+    let positive = rows
+        .iter()
+        .map(|row| row.bound)
+        .filter(|&bound| bound > 0.0);
+    positive.reduce(f64::min).unwrap_or(1.0)
 }
 
 /// The row at unit length; `None` for one that does not act on the state.
@@ -158,15 +218,15 @@ fn normalised(row: &[f64], origin: &LawRow, steps_ahead: usize) -> Option<SetRow
 }
 
 /// Whether the other rows imply this one. An unsettled program counts as no: a row too many is harmless.
-fn is_implied<'a>(row: &SetRow, others: impl Iterator<Item = &'a SetRow>) -> bool {
+fn is_implied<'a>(row: &SetRow, others: impl Iterator<Item = &'a SetRow>, room: f64) -> bool {
     match maximise(&row.row, others.map(|r| (r.row.as_slice(), r.bound))) {
-        Maximum::Value(value) => value <= row.bound + IMPLIED * (1.0 + row.bound),
+        Maximum::Value(value) => value <= row.bound + IMPLIED * (room + row.bound),
         Maximum::Unbounded | Maximum::Unsettled => false,
     }
 }
 
 /// Drops each row that the remaining ones imply, latest first: they are the likeliest.
-fn without_redundancy(mut rows: Vec<SetRow>) -> Vec<SetRow> {
+fn without_redundancy(mut rows: Vec<SetRow>, room: f64) -> Vec<SetRow> {
     let mut at = rows.len();
     while at > 0 {
         at -= 1;
@@ -176,7 +236,7 @@ fn without_redundancy(mut rows: Vec<SetRow>) -> Vec<SetRow> {
             .filter(|&(i, _)| i != at)
             .map(|(_, row)| row);
         // Strictly within rounding here: a row must not vanish together with its twin's slack.
-        if is_implied(&rows[at], others) {
+        if is_implied(&rows[at], others, room) {
             rows.remove(at);
         }
     }

@@ -10,8 +10,9 @@ use faer::{Mat, MatRef};
 
 /// The system with state (x, u_prev) and input du: x+ = Ax + B(u_prev + du), u_prev+ = u_prev + du.
 ///
-/// The stage cost x'Qx + u'Ru + du'R_d du, u = u_prev + du, has the cross term S = [0; R]. R_d must be positive definite: without
-/// it u_prev costs nothing and no level set in it is bounded.
+/// The stage cost x'Qx + u'Ru + du'R_d du, u = u_prev + du, has the cross term S = [0; R]. R_d = 0 is a problem like any other: its law
+/// is du = Kx - u_prev with the plain K, and P = diag(P_x, 0). But then u_prev costs nothing and no level set is bounded in it: for
+/// an [`Ellipsoid`](crate::Ellipsoid) R_d must be positive definite.
 #[derive(Debug, Clone)]
 pub struct RateAugmented {
     /// [A B; 0 I], (n+m) x (n+m).

@@ -1,19 +1,18 @@
-//! The Riccati problem in validated form: weights checked, scaled, and its residual.
+//! The Riccati problem in validated form, one backward step of it, and its residual.
 //!
 //! Everything is written for the stage cost x'Qx + 2x'Su + u'Ru and the law u = Kx,
 //! K = -(R + B'PB)^-1 (B'PA + S'). The right side of the equation is evaluated in Joseph form,
 //! Q + SK + (SK)' + K'RK + (A + BK)'P(A + BK): for the optimal K it is equal to the textbook form and
 //! loses no digits when A'PA and its reduction nearly cancel.
 
+use crate::definiteness::indefinite_weight;
 use crate::dense::{
-    add_scaled, cholesky, cholesky_solve, congruence, identity, max_abs, mul, norm, symmetrise,
-    tr_mul,
+    add_scaled, cholesky, cholesky_solve, congruence, mul, norm, symmetrise, tr_mul,
 };
 use crate::doubling::StageMap;
-use crate::fixed_size::{
-    Step, backward as small_backward, by_states, by_states_and_inputs, is_definite,
-};
-use faer::{Mat, Side};
+use crate::fixed_size::{Step, backward as small_backward, by_states_and_inputs};
+use crate::input::{self, InputError};
+use faer::{Mat, MatRef};
 
 /// Data of x+ = Ax + Bu with cost x'Qx + 2x'Su + u'Ru: A n x n, B n x m, Q n x n, R m x m, S n x m.
 #[derive(Debug, Clone)]
@@ -40,6 +39,25 @@ pub(crate) struct Candidate {
 }
 
 impl Problem {
+    /// The data with shapes, finiteness and symmetry checked.
+    pub(crate) fn read(
+        a: MatRef<'_, f64>,
+        b: MatRef<'_, f64>,
+        q: MatRef<'_, f64>,
+        r: MatRef<'_, f64>,
+        s: Option<MatRef<'_, f64>>,
+    ) -> Result<Self, InputError> {
+        let (a, b) = input::pair(a, b)?;
+        let (n, m) = (b.nrows(), b.ncols());
+        Ok(Self {
+            q: input::symmetric("Q", q, n)?,
+            r: input::symmetric("R", r, m)?,
+            s: s.map(|s| input::matrix("S", s, (n, m))).transpose()?,
+            a,
+            b,
+        })
+    }
+
     pub(crate) fn states(&self) -> usize {
         self.a.nrows()
     }
@@ -168,8 +186,23 @@ impl Problem {
         })
     }
 
+    /// The first of Q, R and [Q S; S' R] that is indefinite beyond rounding: its name, least eigenvalue and tolerance.
+    pub(crate) fn indefinite_weight(&self) -> Option<(&'static str, f64, f64)> {
+        let joint = self.joint_weight();
+        [
+            ("Q", Some(&self.q)),
+            ("R", Some(&self.r)),
+            ("[Q S; S' R]", joint.as_ref()),
+        ]
+        .into_iter()
+        .find_map(|(name, weight)| {
+            let (eigenvalue, tolerance) = indefinite_weight(weight?)?;
+            Some((name, eigenvalue, tolerance))
+        })
+    }
+
     /// The joint weight [Q S; S' R].
-    pub(crate) fn joint_weight(&self) -> Option<Mat<f64>> {
+    fn joint_weight(&self) -> Option<Mat<f64>> {
         let s = self.s.as_ref()?;
         let (n, m) = (s.nrows(), s.ncols());
         Some(Mat::from_fn(n + m, n + m, |i, j| match (i < n, j < n) {
@@ -186,125 +219,5 @@ pub(crate) fn negate(a: &mut Mat<f64>) {
         for x in a.col_as_slice_mut(j) {
             *x = -*x;
         }
-    }
-}
-
-/// The least eigenvalue and the tolerance if `w` is indefinite beyond rounding, else `None`.
-pub(crate) fn indefinite(w: &Mat<f64>) -> Option<(f64, f64)> {
-    let tolerance = 1e-12 * w.nrows() as f64 * max_abs(w.as_ref());
-    let definite = || match by_states!(w.nrows(), is_definite(w, tolerance)) {
-        Some(definite) => definite,
-        None => cholesky(&add_scaled(w, tolerance, &identity(w.nrows()))).is_some(),
-    };
-    if tolerance == 0.0 || definite() {
-        return None;
-    }
-    let least = w
-        .self_adjoint_eigenvalues(Side::Lower)
-        .ok()
-        .and_then(|values| values.into_iter().reduce(f64::min))
-        .unwrap_or(f64::NAN);
-    (!(least >= -tolerance)).then_some((least, tolerance))
-}
-
-/// A problem in coordinates x = T z with the cost divided by `cost`; T diagonal, all powers of two so that no digit changes.
-#[derive(Debug, Clone)]
-pub(crate) struct Balanced {
-    pub(crate) problem: Problem,
-    pub(crate) state_scale: Vec<f64>,
-    pub(crate) cost_scale: f64,
-}
-
-impl Balanced {
-    /// Brings what enters a state (its row of A, its share of B R^-1 B') level with what leaves it (its column of A, its
-    /// weight in Q). Without it a weight or an input in other units costs the solver digits.
-    pub(crate) fn of(problem: &Problem) -> Self {
-        let n = problem.states();
-        let effort: Vec<f64> = (0..n)
-            .map(|i| {
-                (0..problem.b.ncols())
-                    .filter(|&j| problem.r[(j, j)] > 0.0)
-                    .map(|j| problem.b[(i, j)].powi(2) / problem.r[(j, j)])
-                    .sum()
-            })
-            .collect();
-        let (g, h) = (
-            effort.iter().copied().fold(0.0, f64::max),
-            (0..n).map(|i| problem.q[(i, i)]).fold(0.0, f64::max),
-        );
-        let cost_scale = if g > 0.0 && h > 0.0 {
-            power_of_two((h / g).sqrt())
-        } else {
-            1.0
-        };
-        let mut t = vec![1.0_f64; n];
-        for _ in 0..3 {
-            for i in 0..n {
-                let (mut enters, mut leaves) = (
-                    effort[i] * cost_scale / (t[i] * t[i]),
-                    problem.q[(i, i)] / cost_scale * t[i] * t[i],
-                );
-                for j in (0..n).filter(|&j| j != i) {
-                    enters += problem.a[(i, j)].abs() * t[j] / t[i];
-                    leaves += problem.a[(j, i)].abs() * t[i] / t[j];
-                }
-                if enters > 0.0 && leaves > 0.0 {
-                    let factor = power_of_two((enters / leaves).sqrt().sqrt());
-                    t[i] = (t[i] * factor).clamp(2.0_f64.powi(-80), 2.0_f64.powi(80));
-                }
-            }
-        }
-        let down: Vec<f64> = t.iter().map(|t| 1.0 / t).collect();
-        let up: Vec<f64> = t.iter().map(|t| t / cost_scale).collect();
-        let (one, by_cost) = (
-            vec![1.0; problem.b.ncols()],
-            vec![1.0 / cost_scale; problem.b.ncols()],
-        );
-        let balanced = Problem {
-            a: scaled(&problem.a, &down, &t),
-            b: scaled(&problem.b, &down, &one),
-            q: scaled(&problem.q, &up, &t),
-            r: scaled(&problem.r, &by_cost, &one),
-            s: problem.s.as_ref().map(|s| scaled(s, &up, &one)),
-        };
-        Self {
-            problem: balanced,
-            state_scale: t,
-            cost_scale,
-        }
-    }
-
-    /// P in the caller's coordinates.
-    pub(crate) fn restore(&self, p: &Mat<f64>) -> Mat<f64> {
-        let t = &self.state_scale;
-        Mat::from_fn(p.nrows(), p.ncols(), |i, j| {
-            p[(i, j)] * self.cost_scale / t[i] / t[j]
-        })
-    }
-
-    /// K in the caller's coordinates.
-    pub(crate) fn restore_gain(&self, k: &Mat<f64>) -> Mat<f64> {
-        Mat::from_fn(k.nrows(), k.ncols(), |i, j| k[(i, j)] / self.state_scale[j])
-    }
-}
-
-/// diag(rows) w diag(cols).
-fn scaled(w: &Mat<f64>, rows: &[f64], cols: &[f64]) -> Mat<f64> {
-    let mut w = w.clone();
-    for (j, col) in cols.iter().enumerate() {
-        for (x, row) in w.col_as_slice_mut(j).iter_mut().zip(rows) {
-            *x *= row * col;
-        }
-    }
-    w
-}
-
-/// The power of two next to `x`; 1 where `x` has none in range.
-fn power_of_two(x: f64) -> f64 {
-    let exponent = x.log2().round();
-    if exponent.is_finite() && exponent.abs() <= 160.0 {
-        exponent.exp2()
-    } else {
-        1.0
     }
 }

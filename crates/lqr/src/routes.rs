@@ -3,9 +3,10 @@
 //! A route may fail or lead to another solution; whether a candidate is the one sought is decided by
 //! [`Attempt::is_stabilising`] alone, never by the route.
 
+use crate::definiteness::indefinite;
 use crate::dense::{self, identity, norm};
 use crate::fixed_size::{by_states_and_inputs, problem_doubling};
-use crate::riccati::{Candidate, Problem, indefinite};
+use crate::riccati::{Candidate, Problem};
 use crate::spectrum::{self, lyapunov_sum};
 use faer::Mat;
 

@@ -16,6 +16,16 @@ pub(crate) enum Maximum {
     Unsettled,
 }
 
+/// An optimal corner with its proof: f = sum y_i h_i with y >= 0, so f x <= sum y_i b_i, up to rounding.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Optimum {
+    pub(crate) value: f64,
+    /// The corner, length n.
+    pub(crate) point: Vec<f64>,
+    /// The rows with y_i > 0 and that y_i.
+    pub(crate) multipliers: Vec<(usize, f64)>,
+}
+
 /// Rows s_i = rhs_i + sum coefficients_ij y_j over the nonbasic variables y.
 struct Dictionary {
     coefficients: Vec<Vec<f64>>,
@@ -30,34 +40,71 @@ struct Dictionary {
 
 /// The maximum of `f x` over the rows `h_i x <= b_i`, b_i >= 0.
 pub(crate) fn maximise<'a>(f: &[f64], rows: impl Iterator<Item = (&'a [f64], f64)>) -> Maximum {
-    let n = f.len();
-    let (coefficients, rhs): (Vec<Vec<f64>>, Vec<f64>) = rows
-        .map(|(row, bound)| (row.iter().map(|x| -x).collect::<Vec<f64>>(), bound.max(0.0)))
-        .unzip();
-    let count = rhs.len();
-    let mut dictionary = Dictionary {
-        coefficients,
-        rhs,
-        costs: f.to_vec(),
-        value: 0.0,
-        basic: (n..n + count).collect(),
-        nonbasic: (0..n).collect(),
-        states: n,
+    Dictionary::of(f, rows).settle()
+}
+
+/// As `maximise`, with the corner and the multipliers; `None` for an unbounded or unsettled program.
+pub(crate) fn optimum<'a>(
+    f: &[f64],
+    rows: impl Iterator<Item = (&'a [f64], f64)>,
+) -> Option<Optimum> {
+    let mut dictionary = Dictionary::of(f, rows);
+    let Maximum::Value(value) = dictionary.settle() else {
+        return None;
     };
-    let greedy = 20 * n + 50;
-    for step in 0..greedy + 20 * (n + count) {
-        let Some((entering, direction)) = dictionary.entering(step < greedy) else {
-            return Maximum::Value(dictionary.value);
-        };
-        let Some(leaving) = dictionary.leaving(entering, direction) else {
-            return Maximum::Unbounded;
-        };
-        dictionary.pivot(leaving, entering);
+    let n = dictionary.states;
+    let mut point = vec![0.0; n];
+    for (&variable, &x) in dictionary.basic.iter().zip(&dictionary.rhs) {
+        if variable < n {
+            point[variable] = x;
+        }
     }
-    Maximum::Unsettled
+    let multipliers = dictionary
+        .nonbasic
+        .iter()
+        .zip(&dictionary.costs)
+        .filter(|&(&variable, &cost)| variable >= n && cost < 0.0)
+        .map(|(&variable, &cost)| (variable - n, -cost))
+        .collect();
+    Some(Optimum {
+        value,
+        point,
+        multipliers,
+    })
 }
 
 impl Dictionary {
+    fn of<'a>(f: &[f64], rows: impl Iterator<Item = (&'a [f64], f64)>) -> Self {
+        let n = f.len();
+        let (coefficients, rhs): (Vec<Vec<f64>>, Vec<f64>) = rows
+            .map(|(row, bound)| (row.iter().map(|x| -x).collect::<Vec<f64>>(), bound.max(0.0)))
+            .unzip();
+        Self {
+            basic: (n..n + rhs.len()).collect(),
+            coefficients,
+            rhs,
+            costs: f.to_vec(),
+            value: 0.0,
+            nonbasic: (0..n).collect(),
+            states: n,
+        }
+    }
+
+    fn settle(&mut self) -> Maximum {
+        let (n, count) = (self.states, self.rhs.len());
+        let greedy = 20 * n + 50;
+        for step in 0..greedy + 20 * (n + count) {
+            let Some((entering, direction)) = self.entering(step < greedy) else {
+                return Maximum::Value(self.value);
+            };
+            let Some(leaving) = self.leaving(entering, direction) else {
+                return Maximum::Unbounded;
+            };
+            self.pivot(leaving, entering);
+        }
+        Maximum::Unsettled
+    }
+
     /// A nonbasic variable that improves the objective, and the direction in which it does.
     fn entering(&self, greedy: bool) -> Option<(usize, f64)> {
         let improving = self.costs.iter().enumerate().filter(|&(j, &cost)| {

@@ -5,6 +5,7 @@
 //! keeps X symmetric and, for Q >= 0, semidefinite. It leaves out unstable A, where the equation may
 //! have a solution but not one that bounds a trajectory.
 
+use crate::balance::level;
 use crate::dense::{add_scaled, congruence, mul, norm};
 use crate::fixed_size::{by_states, power_sum, smith_sum};
 use crate::hessenberg_qr;
@@ -39,7 +40,7 @@ pub enum SpectrumError {
     },
 }
 
-/// Eigenvalues of a square finite matrix, of the order of rounding times its norm.
+/// Eigenvalues of a square finite matrix, with an error of the order of rounding times the norm of the balanced matrix.
 pub(crate) fn eigenvalues(a: &Mat<f64>) -> Result<Vec<c64>, SpectrumError> {
     let failed = || SpectrumError::NoConvergence {
         size: a.nrows(),
@@ -49,6 +50,7 @@ pub(crate) fn eigenvalues(a: &Mat<f64>) -> Result<Vec<c64>, SpectrumError> {
     if !(norm(a) < 1e150) {
         return Err(failed());
     }
+    let a = &level(a);
     if let Some(values) = small_eigenvalues(a) {
         return Ok(values);
     }

@@ -1,23 +1,21 @@
 //! Judges the candidates for a Riccati solution: accepted with its warnings, or refused by the name of a mode.
 
-use crate::dare::{Conditioning, DareSolution, NearLoss};
+use crate::balance::Balanced;
+use crate::conditioning::{Conditioning, LOST_DIGITS, SLOW, condition};
+use crate::dare::DareSolution;
 use crate::dare_error::DareError;
-use crate::dense::{cholesky, cholesky_solve, identity, norm, norm_one};
+use crate::definiteness::{indefinite, indefinite_weight, loses_its_sign};
+use crate::dense::{cholesky, norm};
 use crate::extended_solution::{Extended, extended_residual, extended_solution};
-use crate::fixed_size::{by_states, inverse_norm_one};
 use crate::hautus::{self, Stabilisability, UncontrollableMode, UnobservableMode};
 use crate::proved_measure::{WEAK, proved_measure};
-use crate::riccati::{Balanced, Problem, indefinite};
+use crate::riccati::Problem;
 use crate::routes::{ACCEPTED_RESIDUAL, Attempt, Route};
 use crate::zeros;
 use faer::{Mat, c64};
 
 /// Inputs with a smaller relative pivot of R + B'PB are a matter for more digits.
 const NEARLY_DEPENDENT: f64 = 1e-10;
-/// A closed loop with a larger spectral radius is slow.
-const SLOW: f64 = 0.999;
-/// A residual above this has lost digits.
-const LOST_DIGITS: f64 = 1e-11;
 /// Of a solution in extended precision: rounding P to doubles leaves eps |A_K|^2, and with a larger residual P says too little.
 const ACCEPTED_EXTENDED_RESIDUAL: f64 = 1e-4;
 
@@ -46,10 +44,11 @@ pub(crate) fn in_doubles(
 /// Whether rounding, not the data, may be to blame for the outcome.
 pub(crate) fn calls_for_more_digits(found: &Result<DareSolution, DareError>) -> bool {
     match found {
-        Ok(solution) => solution.relative_residual > LOST_DIGITS,
+        Ok(solution) => solution.relative_residual > LOST_DIGITS || loses_its_sign(&solution.p),
         Err(error) => matches!(
             error,
             DareError::NoConvergence { .. }
+                | DareError::IndefiniteSolution { .. }
                 | DareError::Undecided { .. }
                 | DareError::SingularInputHessian
         ),
@@ -72,7 +71,10 @@ pub(crate) fn in_extended_precision(
         Extended::Dependent => return Err(DareError::SingularInputHessian),
         Extended::Undecided { sensitivity } => {
             return match found {
-                Err(DareError::NoConvergence { .. }) => {
+                Err(DareError::NoConvergence { .. } | DareError::IndefiniteSolution { .. }) => {
+                    Err(DareError::IllConditioned { sensitivity })
+                }
+                Ok(solution) if indefinite_weight(&solution.p).is_some() => {
                     Err(DareError::IllConditioned { sensitivity })
                 }
                 other => other,
@@ -84,12 +86,16 @@ pub(crate) fn in_extended_precision(
     let Some(relative_residual) = extended_residual(problem, &p) else {
         return found;
     };
-    if indefinite(&p).is_some() {
-        return found;
+    if let Some((eigenvalue, tolerance)) = indefinite(&p).or_else(|| indefinite_weight(&p)) {
+        return Err(DareError::IndefiniteSolution {
+            eigenvalue,
+            tolerance,
+        });
     }
     // Doubles may have come as close: then their answer stands, with the same P up to rounding.
     if let Ok(solution) = &found
         && solution.relative_residual <= relative_residual
+        && !loses_its_sign(&solution.p)
     {
         return found;
     }
@@ -105,41 +111,16 @@ pub(crate) fn in_extended_precision(
     let weakest_mode = hautus::unreached_modes(&balanced.problem.a, &balanced.problem.b)
         .ok()
         .and_then(|found| found.weakest);
-    let solution = DareSolution {
-        condition: condition(&p),
+    let condition = condition(&p);
+    Ok(DareSolution {
+        warning: Conditioning::of(spectral_radius, weakest_mode, condition, relative_residual),
         p,
         k: balanced.restore_gain(&k),
         spectral_radius,
         relative_residual,
+        condition,
         iterations,
-        warning: None,
-    };
-    Ok(with_warning(solution, weakest_mode))
-}
-
-/// Says what is nearly lost.
-fn with_warning(
-    mut solution: DareSolution,
-    weakest_mode: Option<UncontrollableMode>,
-) -> DareSolution {
-    let weak = weakest_mode
-        .as_ref()
-        .is_some_and(|mode| mode.measure < WEAK);
-    let losses: Vec<NearLoss> = [
-        (solution.spectral_radius > SLOW, NearLoss::SlowClosedLoop),
-        (weak, NearLoss::WeakInput),
-        // Written so that NaN counts as well.
-        (!(solution.condition < 1e7), NearLoss::IllConditionedP),
-        (solution.relative_residual > LOST_DIGITS, NearLoss::Residual),
-    ]
-    .into_iter()
-    .filter_map(|(lost, loss)| lost.then_some(loss))
-    .collect();
-    solution.warning = (!losses.is_empty()).then_some(Conditioning {
-        losses,
-        weakest_mode,
-    });
-    solution
+    })
 }
 
 fn accept(
@@ -170,6 +151,13 @@ fn accept(
             spectral_radius,
         });
     }
+    // Semidefinite in the balanced coordinates, P may have lost its sign in those of the caller.
+    if let Some((eigenvalue, tolerance)) = indefinite(&p) {
+        return Err(DareError::IndefiniteSolution {
+            eigenvalue,
+            tolerance,
+        });
+    }
     if spectral_radius > SLOW {
         refuse_unseen(balanced, Some(&candidate.closed_loop))?;
     }
@@ -185,16 +173,16 @@ fn accept(
         }
         weakest_mode = found.weakest;
     }
-    let solution = DareSolution {
-        condition: condition(&p),
+    let condition = condition(&p);
+    Ok(DareSolution {
+        warning: Conditioning::of(spectral_radius, weakest_mode, condition, relative_residual),
         p,
         k: balanced.restore_gain(&candidate.k),
         spectral_radius,
         relative_residual,
+        condition,
         iterations,
-        warning: None,
-    };
-    Ok(with_warning(solution, weakest_mode))
+    })
 }
 
 /// With a singular R the zeros are sought near the eigenvalues of `closed_loop`.
@@ -281,16 +269,5 @@ fn to_unit_length(vector: &mut [c64]) {
     let square: f64 = vector.iter().map(|w| w.re * w.re + w.im * w.im).sum();
     for w in vector {
         *w *= 1.0 / square.sqrt();
-    }
-}
-
-/// Condition number in the one-norm.
-fn condition(p: &Mat<f64>) -> f64 {
-    if let Some(inverse) = by_states!(p.nrows(), inverse_norm_one(p)) {
-        return norm_one(p) * inverse;
-    }
-    match cholesky(p) {
-        Some(l) => norm_one(p) * norm_one(&cholesky_solve(&l, identity(p.nrows()))),
-        None => f64::INFINITY,
     }
 }

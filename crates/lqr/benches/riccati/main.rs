@@ -59,12 +59,7 @@ fn riccati(c: &mut Criterion) {
         });
     }
     let (a, b, q, r) = system(6);
-    let stage = Stage {
-        a: a.as_ref(),
-        b: b.as_ref(),
-        q: q.as_ref(),
-        r: r.as_ref(),
-    };
+    let stage = Stage::new(a.as_ref(), b.as_ref(), q.as_ref(), r.as_ref());
     let stages = vec![stage; 100];
     c.bench_function("chain 100 steps 6x2", |bench| {
         bench.iter(|| {

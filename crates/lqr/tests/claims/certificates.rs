@@ -85,7 +85,7 @@ proptest! {
         let mut source = Source(seed);
         let systems: Vec<System> = (0..5).map(|_| System::random(&mut source, n, m, 1.1, 0.5)).collect();
         let stages: Vec<Stage<'_>> = systems.iter()
-            .map(|s| Stage { a: s.a.as_ref(), b: s.b.as_ref(), q: s.q.as_ref(), r: s.r.as_ref() }).collect();
+            .map(System::stage).collect();
         let chain = BackwardChain::solve(&stages, Mat::<f64>::identity(n, n).as_ref()).unwrap();
         let claim = ChainClaim::largest(&stages, &chain, boxed(&mut source, n, m), 1e3).unwrap();
         prop_assert!(claim.certify().holds(), "{}", claim.certify());
@@ -247,15 +247,7 @@ fn sized_chain(terminal_level: f64) -> ChainClaim {
     let systems: Vec<System> = (0..4)
         .map(|_| System::random(&mut source, 2, 1, 1.1, 0.5))
         .collect();
-    let stages: Vec<Stage<'_>> = systems
-        .iter()
-        .map(|s| Stage {
-            a: s.a.as_ref(),
-            b: s.b.as_ref(),
-            q: s.q.as_ref(),
-            r: s.r.as_ref(),
-        })
-        .collect();
+    let stages: Vec<Stage<'_>> = systems.iter().map(System::stage).collect();
     let chain = BackwardChain::solve(&stages, Mat::<f64>::identity(2, 2).as_ref()).unwrap();
     ChainClaim::largest(&stages, &chain, boxed(&mut source, 2, 1), terminal_level).unwrap()
 }
@@ -319,12 +311,7 @@ fn numbers_that_make_no_claim_are_not_proved() {
 #[test]
 fn a_chain_of_other_shapes_is_refused() {
     let system = straight_needle();
-    let stages = [Stage {
-        a: system.a.as_ref(),
-        b: system.b.as_ref(),
-        q: system.q.as_ref(),
-        r: system.r.as_ref(),
-    }; 3];
+    let stages = [system.stage(); 3];
     let chain = BackwardChain::solve(&stages, Mat::<f64>::identity(2, 2).as_ref()).unwrap();
     let sized = |chain: &BackwardChain, level| {
         ChainClaim::largest(&stages, chain, Constraints::new(2, 2), level)

@@ -2,7 +2,7 @@
 //!
 //! P. Benner, A. Laub, V. Mehrmann, "A collection of benchmark examples for the numerical solution of algebraic Riccati equations II:
 //! discrete-time case", SPC 95_23, TU Chemnitz-Zwickau, 1995, in the numbering and with the numbers of version 2.0 (J. Abels, P. Benner, SLICOT Working
-//! Note 1999-16), checked against SLICOT's generator BB02AD. The examples without a closed form are in `darex_data`; 1.13 (26 states) is left out.
+//! Note 1999-16), checked against SLICOT's generator BB02AD. The examples without a closed form are in `darex_data`.
 
 use crate::systems::{System, norm};
 use faer::{Mat, mat};

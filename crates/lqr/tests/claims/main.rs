@@ -6,7 +6,10 @@
 mod certificates;
 mod darex;
 mod darex_data;
+mod periodic;
+mod polytopes;
 mod riccati_properties;
 mod riccati_refusals;
 mod systems;
 mod terminal_sets;
+mod weights;

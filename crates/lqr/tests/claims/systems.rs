@@ -1,7 +1,7 @@
 //! Random systems with a known structure, from a seed.
 
 use faer::Mat;
-use lqr::{Dare, DareSolution};
+use lqr::{Dare, DareSolution, Stage};
 
 /// SplitMix64: a whole test case is one number in a failure report.
 #[derive(Debug, Clone)]
@@ -68,6 +68,15 @@ pub(crate) struct System {
 impl System {
     pub(crate) fn dare(&self) -> Dare<'_> {
         Dare::new(
+            self.a.as_ref(),
+            self.b.as_ref(),
+            self.q.as_ref(),
+            self.r.as_ref(),
+        )
+    }
+
+    pub(crate) fn stage(&self) -> Stage<'_> {
+        Stage::new(
             self.a.as_ref(),
             self.b.as_ref(),
             self.q.as_ref(),

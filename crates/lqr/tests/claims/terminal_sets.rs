@@ -188,7 +188,7 @@ proptest! {
         let mut source = Source(seed);
         let systems: Vec<System> = (0..6).map(|_| System::random(&mut source, n, m, 1.1, 0.5)).collect();
         let stages: Vec<lqr::Stage<'_>> = systems.iter()
-            .map(|s| lqr::Stage { a: s.a.as_ref(), b: s.b.as_ref(), q: s.q.as_ref(), r: s.r.as_ref() }).collect();
+            .map(System::stage).collect();
         let chain = lqr::BackwardChain::solve(&stages, Mat::<f64>::identity(n, n).as_ref()).unwrap();
         let limit = limits(&mut source, n, m);
         let mut rows: Vec<_> = (0..6).map(|i| limit.under_law(systems[i].a.as_ref(), systems[i].b.as_ref(), chain.k[i].as_ref()).unwrap()).collect();
@@ -370,4 +370,89 @@ fn a_bound_that_is_none_is_refused() {
     }
     // The square of the bound overflows; the level is 1e200.
     assert!((sized(1e200).unwrap().level / 1e200 - 1.0).abs() < 1e-14);
+}
+
+#[test]
+fn without_a_weight_on_the_rate_the_augmented_law_is_the_plain_one_and_no_set_is_bounded() {
+    let system = System::random(&mut Source(12), 3, 2, 1.2, 0.5);
+    let plain = system.dare().solve().unwrap();
+    let augmented = RateAugmented::new(
+        system.a.as_ref(),
+        system.b.as_ref(),
+        system.q.as_ref(),
+        system.r.as_ref(),
+        Mat::<f64>::zeros(2, 2).as_ref(),
+    )
+    .unwrap();
+    let solution = lqr::Dare::new(
+        augmented.a.as_ref(),
+        augmented.b.as_ref(),
+        augmented.q.as_ref(),
+        augmented.r.as_ref(),
+    )
+    .with_cross(augmented.s.as_ref())
+    .solve()
+    .unwrap();
+    // P = diag(P_x, 0) and du = Kx - u_prev, up to rounding of a well-conditioned problem.
+    let p = Mat::from_fn(
+        5,
+        5,
+        |i, j| {
+            if i < 3 && j < 3 { plain.p[(i, j)] } else { 0.0 }
+        },
+    );
+    let k = Mat::from_fn(2, 5, |i, j| match j {
+        0..3 => plain.k[(i, j)],
+        _ if j == i + 3 => -1.0,
+        _ => 0.0,
+    });
+    assert!((&solution.p - &p).norm_max() < 1e-12 * plain.p.norm_max());
+    assert!((&solution.k - &k).norm_max() < 1e-12);
+    assert!(
+        solution
+            .warning
+            .unwrap()
+            .losses
+            .contains(&lqr::NearLoss::IllConditionedP)
+    );
+}
+
+#[test]
+fn the_largest_volume_is_strictly_more_where_the_riccati_set_is_lopsided() {
+    // A_K = 0.5 I, so every ellipsoid is invariant: in the unit square the disc has the most area, pi. Of the level sets of
+    // diag(1, 100) the largest has half-axes 1 and 0.1: a tenth.
+    let rows: Vec<lqr::LawRow> = [[1.0, 0.0], [0.0, 1.0]]
+        .iter()
+        .map(|row| lqr::LawRow {
+            name: "side".to_owned(),
+            kind: ConstraintKind::State,
+            row: row.to_vec(),
+            bound: 1.0,
+        })
+        .collect();
+    let riccati = Ellipsoid::largest(mat![[1.0, 0.0], [0.0, 100.0]].as_ref(), &rows).unwrap();
+    let best = largest_volume_ellipsoid(mat![[0.5, 0.0], [0.0, 0.5]].as_ref(), &rows).unwrap();
+    let gain = best.log_volume() - riccati.log_volume();
+    assert!((gain - 10.0_f64.ln()).abs() < 1e-6, "{gain}");
+}
+
+#[test]
+fn a_double_integrator_gains_volume_over_its_riccati_set() {
+    let system = System {
+        a: mat![[1.0, 0.1], [0.0, 1.0]],
+        b: mat![[0.005], [0.1]],
+        q: mat![[1.0, 0.0], [0.0, 0.1]],
+        r: mat![[0.1]],
+    };
+    let solution = system.dare().solve().unwrap();
+    let rows = Constraints::new(2, 1)
+        .with_input_box(&[-1.0], &[1.0])
+        .and_then(|c| c.with_state_half_space("speed", &[0.0, 1.0], 0.5))
+        .unwrap()
+        .under_law(system.a.as_ref(), system.b.as_ref(), solution.k.as_ref())
+        .unwrap();
+    let riccati = Ellipsoid::largest(solution.p.as_ref(), &rows).unwrap();
+    let best = largest_volume_ellipsoid(closed_loop(&system, &solution).as_ref(), &rows).unwrap();
+    let gain = best.log_volume() - riccati.log_volume();
+    assert!(gain > 0.05, "{gain}");
 }

@@ -73,12 +73,7 @@ impl TimeVaryingLqr {
         let terminal = Mat::from_fn(6, 6, |i, j| weights.terminal * q[(i, j)]);
         let stages: Vec<Stage<'_>> = models
             .iter()
-            .map(|(a, b)| Stage {
-                a: a.as_ref(),
-                b: b.as_ref(),
-                q: q.as_ref(),
-                r: r.as_ref(),
-            })
+            .map(|(a, b)| Stage::new(a.as_ref(), b.as_ref(), q.as_ref(), r.as_ref()))
             .collect();
         let chain = BackwardChain::solve(&stages, terminal.as_ref())?;
         let gains = chain

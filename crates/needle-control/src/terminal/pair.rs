@@ -120,12 +120,12 @@ impl Uncrossed {
     }
 
     pub(crate) fn stage(&self) -> lqr::Stage<'_> {
-        lqr::Stage {
-            a: self.a.as_ref(),
-            b: self.b.as_ref(),
-            q: self.q.as_ref(),
-            r: self.r.as_ref(),
-        }
+        lqr::Stage::new(
+            self.a.as_ref(),
+            self.b.as_ref(),
+            self.q.as_ref(),
+            self.r.as_ref(),
+        )
     }
 
     /// The limits in the new input; the weights, and so the shift, are the same at every step.
