@@ -34,7 +34,12 @@ impl Pair {
     }
 
     fn stage(&self) -> Stage<'_> {
-        Stage::new(self.a.as_ref(), self.b.as_ref(), self.q.as_ref(), self.r.as_ref())
+        Stage::new(
+            self.a.as_ref(),
+            self.b.as_ref(),
+            self.q.as_ref(),
+            self.r.as_ref(),
+        )
     }
 }
 

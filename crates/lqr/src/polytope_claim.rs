@@ -296,10 +296,10 @@ impl Proof {
         proved.then_some(exact)
     }
 
-    /// y'h and r = g - y'H.
+    /// y'h and r = g - y'H. Multipliers that are not positive prove nothing and are left out.
     fn split(&self, target: &Exact, found: &Optimum) -> (Exact, Exact) {
         let (mut reach, mut rest) = (Exact::number(0.0), target.clone());
-        for &(i, y) in &found.multipliers {
+        for &(i, y) in found.multipliers.iter().filter(|(_, y)| *y > 0.0) {
             let (row, bound) = &self.rows[i];
             let y = Exact::number(y);
             reach = reach.add(&bound.times(&y));

@@ -133,6 +133,30 @@ fn a_row_that_misses_by_one_rounding_is_not_proved() {
 }
 
 #[test]
+fn a_slab_that_a_coupling_below_rounding_leads_out_of_is_not_proved() {
+    // x1+ = x1/2 + 1e-20 x2 over |x1| <= 1 with x2 free: no multiplier of the slab makes up for the 1e-20.
+    let law = |coupling: f64| {
+        let system = System {
+            a: mat![[0.5, coupling], [0.0, 0.5]],
+            b: mat![[1.0], [1.0]],
+            q: mat![[1.0, 0.0], [0.0, 1.0]],
+            r: mat![[1.0]],
+        };
+        let mut solution = system.dare().solve().unwrap();
+        solution.k = mat![[0.0, 0.0]];
+        let slab = Constraints::new(2, 1)
+            .with_state_half_space("right", &[1.0, 0.0], 1.0)
+            .and_then(|c| c.with_state_half_space("left", &[-1.0, 0.0], 1.0))
+            .unwrap();
+        PolytopeClaim::maximal(&system.dare(), &solution, slab, CAPS).unwrap()
+    };
+    let mut leaky = law(1e-20);
+    leaky.set = law(0.0).set;
+    assert!(law(0.0).prove().holds());
+    assert!(leaky.certify().holds() && !leaky.prove().holds());
+}
+
+#[test]
 fn too_many_rows_meet_their_cap_and_say_so() {
     let (c, s) = (0.99 * 0.3_f64.cos(), 0.99 * 0.3_f64.sin());
     let a = mat![[c, -s], [s, c]];
