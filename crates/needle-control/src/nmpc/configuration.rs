@@ -2,6 +2,7 @@
 
 use super::cost::NmpcWeights;
 use crate::configuration::{ConfigurationError, count, not_negative, positive};
+use crate::follower::Pursuit;
 use crate::limits::InputLimits;
 use crate::survival::{MOST_STAGES, Survival};
 use crate::terminal::TerminalChoice;
@@ -79,6 +80,16 @@ impl Default for NmpcConfiguration {
 }
 
 impl NmpcConfiguration {
+    pub(crate) fn pursuit(&self) -> Pursuit {
+        Pursuit {
+            horizon: self.horizon,
+            dt_s: self.dt_s,
+            limits: self.limits,
+            tracking: self.tracking,
+            survival: self.survival,
+        }
+    }
+
     /// Checks every field.
     ///
     /// # Errors

@@ -13,6 +13,7 @@ mod memory;
 mod nonlinear;
 mod nonlinear_terminal;
 mod reconstruction;
+mod refusals;
 mod scene;
 mod stability;
 mod survival;
