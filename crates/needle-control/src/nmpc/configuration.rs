@@ -21,7 +21,7 @@ pub enum SpinTarget {
 /// How far each step's nonlinear program is solved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Convergence {
-    /// One full Gauss-Newton step from the shifted plan.
+    /// One Gauss-Newton step from the shifted plan; without a terminal set half of it, or none, where it would raise the cost.
     RealTime,
     /// Steps with a line search on an exact penalty function, until the step is below `tolerance` (mm, rad, mm/s, rad/s alike).
     Full {

@@ -178,7 +178,7 @@ impl NmpcController {
         }
         self.shooting.plan.embed(pose);
         let good = match self.configuration.convergence {
-            Convergence::RealTime => self.solve(sample, started) && self.shooting.take_full_step(),
+            Convergence::RealTime => self.solve(sample, started) && self.take_real_time_step(),
             Convergence::Full {
                 tolerance,
                 max_iterations,
@@ -192,6 +192,18 @@ impl NmpcController {
             }
         }
         good
+    }
+
+    /// Moves the plan by one real-time iteration; false if that leads nowhere. The cost says nothing of the way into a terminal set: with
+    /// one the step is taken in full.
+    fn take_real_time_step(&mut self) -> bool {
+        if self.chosen.ingredients.has_sets() {
+            return self.shooting.take_full_step();
+        }
+        let Follower {
+            needle, tracker, ..
+        } = &self.follower;
+        self.shooting.take_falling_step(needle, tracker)
     }
 
     /// Solves for a step; false without one.

@@ -10,6 +10,7 @@ mod deadline;
 mod interruptions;
 mod linear;
 mod memory;
+mod near_full_bend;
 mod nonlinear;
 mod nonlinear_terminal;
 mod reconstruction;
