@@ -2,9 +2,20 @@
 //! and the samples at which there is nothing to plan.
 
 use crate::controller::{Measurement, Origin, StopReason};
-use crate::survival::{Guard, Sample, estimated_needle};
-use crate::tracking::Tracker;
-use needle_model::{Input, Needle};
+use crate::limits::InputLimits;
+use crate::survival::{Guard, Sample, Survival, estimated_needle};
+use crate::tracking::{Tracker, Tracking};
+use needle_model::{Input, Needle, Pose, ReferencePath};
+
+/// What every predictive controller is told of its task beside needle and path.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pursuit {
+    pub(crate) horizon: usize,
+    pub(crate) dt_s: f64,
+    pub(crate) limits: InputLimits,
+    pub(crate) tracking: Tracking,
+    pub(crate) survival: Survival,
+}
 
 /// Follows a path with one needle.
 #[derive(Debug, Clone)]
@@ -18,12 +29,20 @@ pub(crate) struct Follower {
 
 impl Follower {
     /// At the start of the path, at rest.
-    pub(crate) fn new(model: Needle, tracker: Tracker, guard: Guard) -> Self {
+    pub(crate) fn new(model: Needle, path: ReferencePath, pursuit: Pursuit) -> Self {
+        let Pursuit {
+            horizon,
+            dt_s,
+            limits,
+            tracking,
+            survival,
+        } = pursuit;
+        let start = path.poses().first().copied().unwrap_or_else(Pose::identity);
         Self {
             model,
             needle: model,
-            tracker,
-            guard,
+            tracker: Tracker::new(path, tracking, dt_s, horizon),
+            guard: Guard::new(survival, limits, dt_s, horizon, start),
         }
     }
 

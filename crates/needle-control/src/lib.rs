@@ -8,6 +8,7 @@ mod follower;
 mod limits;
 mod ltv;
 mod nmpc;
+mod plan_solver;
 mod program;
 mod reconstruction;
 mod sample_clock;
@@ -31,8 +32,8 @@ pub use ltv::{
     LinearConfiguration, LinearController, LinearWeights, LtvController, StraightController,
 };
 pub use nmpc::{Convergence, NmpcConfiguration, NmpcController, NmpcWeights, SpinTarget};
-pub use program::PlanSolver;
+pub use plan_solver::PlanSolver;
 pub use reconstruction::{ReconstructedPath, ReconstructionError, reconstruct_path};
 pub use survival::Survival;
-pub use terminal::{TerminalChoice, TerminalError, TerminalRegion};
+pub use terminal::{RefusedChoice, TerminalChoice, TerminalError, TerminalRegion};
 pub use tracking::Tracking;

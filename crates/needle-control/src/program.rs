@@ -5,12 +5,12 @@
 //! answer stands, with the distance by which it misses the set.
 
 use crate::configuration::ConfigurationError;
+use crate::plan_solver::{MakeSolver, PlanSolver};
 use mpc_qp::{
-    OcpQp, OcpSolver, ProblemError, Row, Solution, SolveError, SolveStatus, SolverSettings, Stage,
-    Start, StructuredSolver, Terminal, TerminalSet,
+    OcpQp, ProblemError, Row, Solution, SolveError, SolveStatus, Stage, Start, Terminal,
+    TerminalSet,
 };
 use nalgebra::{SMatrix, SVector};
-use std::fmt::Debug;
 use std::time::{Duration, Instant};
 
 /// Where the plan is to end, `(x - center)'shape (x - center) <= level`, and what ties its last stage to the law that takes over.
@@ -61,38 +61,6 @@ impl<const NX: usize> Goal<NX> {
             .map(of_row)
             .fold(beyond(radius, allowed), f64::max)
     }
-}
-
-/// A solver that a controller can hold whatever its type: so controllers are compiled once, not for each solver.
-pub trait PlanSolver<const NX: usize>: OcpSolver<NX, 2> + Debug + Send + Sync {
-    /// A copy behind a pointer.
-    fn boxed_clone(&self) -> Box<dyn PlanSolver<NX>>;
-}
-
-impl<S, const NX: usize> PlanSolver<NX> for S
-where
-    S: OcpSolver<NX, 2> + Clone + Debug + Send + Sync + 'static,
-{
-    fn boxed_clone(&self) -> Box<dyn PlanSolver<NX>> {
-        Box::new(self.clone())
-    }
-}
-
-impl<const NX: usize> Clone for Box<dyn PlanSolver<NX>> {
-    fn clone(&self) -> Self {
-        (**self).boxed_clone()
-    }
-}
-
-/// Makes the solver of a program.
-pub(crate) type MakeSolver<'a, const NX: usize> =
-    &'a mut dyn FnMut(&OcpQp<NX, 2>) -> Result<Box<dyn PlanSolver<NX>>, SolveError>;
-
-/// Hides the type of the solvers that are made.
-pub(crate) fn boxed<S: PlanSolver<NX> + 'static, const NX: usize>(
-    mut make_solver: impl FnMut(&OcpQp<NX, 2>) -> Result<S, SolveError>,
-) -> impl FnMut(&OcpQp<NX, 2>) -> Result<Box<dyn PlanSolver<NX>>, SolveError> {
-    move |problem| Ok(Box::new(make_solver(problem)?))
 }
 
 /// One program with its solver and last answer.
@@ -302,18 +270,5 @@ impl<const NX: usize> Programs<NX> {
     /// The next solves start from nothing.
     pub(crate) fn forget(&mut self) {
         self.shift(usize::MAX);
-    }
-}
-
-/// The structured solver within a deadline.
-pub(crate) fn structured<const NX: usize>(
-    deadline: Option<Duration>,
-) -> impl FnMut(&OcpQp<NX, 2>) -> Result<StructuredSolver<NX, 2>, SolveError> {
-    move |problem| {
-        let settings = SolverSettings {
-            time_limit: deadline,
-            ..SolverSettings::default()
-        };
-        StructuredSolver::new(problem, settings)
     }
 }

@@ -1,6 +1,7 @@
 //! Configuration of the linear controllers.
 
 use crate::configuration::{ConfigurationError, count, not_negative, positive};
+use crate::follower::Pursuit;
 use crate::limits::InputLimits;
 use crate::survival::{MOST_STAGES, Survival};
 use crate::terminal::{TerminalChoice, TerminalProblem};
@@ -72,6 +73,16 @@ impl Default for LinearConfiguration {
 }
 
 impl LinearConfiguration {
+    pub(crate) fn pursuit(&self) -> Pursuit {
+        Pursuit {
+            horizon: self.horizon,
+            dt_s: self.dt_s,
+            limits: self.limits,
+            tracking: self.tracking,
+            survival: self.survival,
+        }
+    }
+
     /// Checks every field.
     ///
     /// # Errors

@@ -7,7 +7,8 @@
 
 use crate::configuration::ConfigurationError;
 use crate::limits::InputLimits;
-use crate::program::{Account, Goal, MakeSolver, Programs};
+use crate::plan_solver::MakeSolver;
+use crate::program::{Account, Goal, Programs};
 use crate::terminal::Ingredients;
 use mpc_qp::{OcpQp, ProblemError, Solution, Stage, Terminal};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};

@@ -2,6 +2,7 @@
 
 use super::cost::NmpcWeights;
 use crate::configuration::{ConfigurationError, count, not_negative, positive};
+use crate::follower::Pursuit;
 use crate::limits::InputLimits;
 use crate::survival::{MOST_STAGES, Survival};
 use crate::terminal::TerminalChoice;
@@ -20,7 +21,7 @@ pub enum SpinTarget {
 /// How far each step's nonlinear program is solved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Convergence {
-    /// One full Gauss-Newton step from the shifted plan.
+    /// One Gauss-Newton step from the shifted plan; without a terminal set half of it, or none, where it would raise the cost.
     RealTime,
     /// Steps with a line search on an exact penalty function, until the step is below `tolerance` (mm, rad, mm/s, rad/s alike).
     Full {
@@ -79,6 +80,16 @@ impl Default for NmpcConfiguration {
 }
 
 impl NmpcConfiguration {
+    pub(crate) fn pursuit(&self) -> Pursuit {
+        Pursuit {
+            horizon: self.horizon,
+            dt_s: self.dt_s,
+            limits: self.limits,
+            tracking: self.tracking,
+            survival: self.survival,
+        }
+    }
+
     /// Checks every field.
     ///
     /// # Errors

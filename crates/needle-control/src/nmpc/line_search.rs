@@ -1,9 +1,10 @@
-//! How far the plan moves along a step: all the way in the real-time iteration, by a line search on an exact penalty function
-//! when the program is to be solved.
+//! How far the plan moves along a step: all the way in the real-time iteration unless that raises the cost, by a line search on an
+//! exact penalty function when the program is to be solved.
 
 use super::plan::Plan;
 use super::shooting::Shooting;
 use crate::tracking::Tracker;
+use nalgebra::Vector2;
 use needle_model::{Input, Needle};
 
 /// Step lengths of a line search, largest first: 1, 1/2, ... .
@@ -39,6 +40,31 @@ impl Shooting {
         false
     }
 
+    /// Moves the plan by the full step if that does not raise the cost of its inputs, simulated from its first pose; else by half of it,
+    /// else not. Gauss-Newton leaves out the roll's curvature: far from the path full steps overshoot and alternate for good.
+    /// False, and the plan unchanged, if the full step is not finite.
+    pub(crate) fn take_falling_step(&mut self, needle: &Needle, tracker: &Tracker) -> bool {
+        let before = self.simulate(0.0, needle, tracker);
+        // A cost that is no number is no reason to doubt the step: it is judged by its own numbers.
+        if !(self.simulate(1.0, needle, tracker) > before) {
+            return self.take_full_step();
+        }
+        if self.simulate(0.5, needle, tracker) > before {
+            self.simulate(0.0, needle, tracker);
+        }
+        std::mem::swap(&mut self.plan, &mut self.trial);
+        true
+    }
+
+    /// Simulates the inputs at this length along the step into the trial plan; its cost.
+    fn simulate(&mut self, length: f64, needle: &Needle, tracker: &Tracker) -> f64 {
+        let (from, to) = (&self.plan.inputs, &self.programs.solution().u);
+        self.trial.poses[0] = self.plan.poses[0];
+        self.trial
+            .fill(0, needle, self.dt_s, |_, k| along(from[k], &to[k], length));
+        self.cost(&self.trial, tracker)
+    }
+
     /// Largest entry of the step in poses and inputs.
     pub(crate) fn step_size(&self) -> f64 {
         let solution = self.programs.solution();
@@ -62,19 +88,7 @@ impl Shooting {
             *pose = plan.poses[k].perturbed(&(solution.x[k] * length));
         }
         for (k, input) in self.trial.inputs.iter_mut().enumerate() {
-            let (from, to) = (plan.inputs[k], &solution.u[k]);
-            // At full length the solver's own number, without rounding beyond a bound.
-            *input = if length == 1.0 {
-                Input {
-                    v_mm_s: to[0],
-                    omega_rad_s: to[1],
-                }
-            } else {
-                Input {
-                    v_mm_s: from.v_mm_s + length * (to[0] - from.v_mm_s),
-                    omega_rad_s: from.omega_rad_s + length * (to[1] - from.omega_rad_s),
-                }
-            };
+            *input = along(plan.inputs[k], &solution.u[k], length);
         }
     }
 
@@ -115,5 +129,20 @@ impl Shooting {
         2.0 * end.map_or(f64::NAN, |(gradient, _)| {
             slope + gradient.dot(&solution.x[n])
         })
+    }
+}
+
+/// The input at this length of the way.
+fn along(from: Input, to: &Vector2<f64>, length: f64) -> Input {
+    // At full length the solver's own number, without rounding beyond a bound.
+    if length == 1.0 {
+        return Input {
+            v_mm_s: to[0],
+            omega_rad_s: to[1],
+        };
+    }
+    Input {
+        v_mm_s: from.v_mm_s + length * (to[0] - from.v_mm_s),
+        omega_rad_s: from.omega_rad_s + length * (to[1] - from.omega_rad_s),
     }
 }

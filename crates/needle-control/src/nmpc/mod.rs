@@ -23,10 +23,9 @@ use crate::controller::{
     ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
 };
 use crate::follower::Follower;
-use crate::program::{PlanSolver, boxed, structured};
-use crate::survival::{Guard, Sample};
-use crate::terminal::{ALL_COORDINATES, Chosen, TerminalChoice, TerminalRegion};
-use crate::tracking::Tracker;
+use crate::plan_solver::{PlanSolver, boxed, structured};
+use crate::survival::Sample;
+use crate::terminal::{ALL_COORDINATES, Chosen, RefusedChoice, TerminalChoice, TerminalRegion};
 use lqr::Certificate;
 use mpc_qp::{ConstraintGroup, OcpQp, SolveError, SolveStatus};
 use needle_model::{Input, Needle, Pose, ReferencePath};
@@ -76,24 +75,11 @@ impl NmpcController {
         make_solver: impl FnMut(&OcpQp<6, 2>) -> Result<S, SolveError>,
     ) -> Result<Self, ConfigurationError> {
         configuration.validate()?;
-        let NmpcConfiguration {
-            horizon,
-            dt_s,
-            limits,
-            tracking,
-            survival,
-            ..
-        } = configuration;
         let chosen = terminal::chosen(needle, &path, &configuration)?;
         let with_set = chosen.ingredients.at(0).level.is_some();
         let shooting = Shooting::new(&configuration, with_set, &mut boxed(make_solver))?;
-        let start = path.poses().first().copied().unwrap_or_else(Pose::identity);
         Ok(Self {
-            follower: Follower::new(
-                needle,
-                Tracker::new(path, tracking, dt_s, horizon),
-                Guard::new(survival, limits, dt_s, horizon, start),
-            ),
+            follower: Follower::new(needle, path, configuration.pursuit()),
             chosen,
             candidate: shooting.plan.clone(),
             applied: shooting.plan.poses.clone(),
@@ -121,6 +107,12 @@ impl NmpcController {
     #[must_use]
     pub fn terminal(&self) -> TerminalChoice {
         self.chosen.choice
+    }
+
+    /// The stronger choices that [`TerminalChoice::Auto`] tried before the one in force, with the reasons; empty for a choice by name.
+    #[must_use]
+    pub fn refused_terminals(&self) -> &[RefusedChoice] {
+        &self.chosen.refused
     }
 
     /// What is claimed of the terminal ingredients, check by check; `None` without a terminal set. The last check is about the needle
@@ -186,7 +178,7 @@ impl NmpcController {
         }
         self.shooting.plan.embed(pose);
         let good = match self.configuration.convergence {
-            Convergence::RealTime => self.solve(sample, started) && self.shooting.take_full_step(),
+            Convergence::RealTime => self.solve(sample, started) && self.take_real_time_step(),
             Convergence::Full {
                 tolerance,
                 max_iterations,
@@ -200,6 +192,18 @@ impl NmpcController {
             }
         }
         good
+    }
+
+    /// Moves the plan by one real-time iteration; false if that leads nowhere. The cost says nothing of the way into a terminal set: with
+    /// one the step is taken in full.
+    fn take_real_time_step(&mut self) -> bool {
+        if self.chosen.ingredients.has_sets() {
+            return self.shooting.take_full_step();
+        }
+        let Follower {
+            needle, tracker, ..
+        } = &self.follower;
+        self.shooting.take_falling_step(needle, tracker)
     }
 
     /// Solves for a step; false without one.

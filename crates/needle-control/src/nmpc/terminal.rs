@@ -41,7 +41,7 @@ pub(crate) fn chosen(
     // Away from its minimum on the reference the cost is no Lyapunov function.
     if configuration.spin_target == SpinTarget::Rest {
         return match wanted {
-            TerminalChoice::Auto => Ok(problem.without()),
+            TerminalChoice::Auto => Ok(problem.refusing(TerminalError::SpinAtRest)),
             _ => Err(TerminalError::SpinAtRest),
         };
     }
@@ -158,12 +158,11 @@ impl Fall<'_> {
         };
         let dt_s = self.configuration.dt_s;
         let reference = self.needle.step(&Pose::identity(), self.wanted, dt_s)?;
-        let mut directions = Directions(1);
         let mut least = f64::INFINITY;
         for sample in 0..samples {
             let size = if sample % 2 == 0 { 1.0 } else { 0.5 };
             let value = level * scale * size * size;
-            let direction = directions.next() * value.sqrt();
+            let direction = direction(sample) * value.sqrt();
             let Some(xi) = factor.l().tr_solve_lower_triangular(&direction) else {
                 return Ok(f64::NEG_INFINITY);
             };
@@ -183,25 +182,14 @@ impl Fall<'_> {
     }
 }
 
-/// Deterministic directions, uniform on the sphere: normal deviates SplitMix64 and the Box-Muller transform.
-struct Directions(u64);
-
-impl Directions {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn next(&mut self) -> Vector6<f64> {
-        let normal = Vector6::from_fn(|_, _| {
-            let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-            radius * (std::f64::consts::TAU * self.uniform()).cos()
-        });
-        normal / normal.norm().max(f64::MIN_POSITIVE)
-    }
+/// The `sample`-th of a sequence of directions that fills the sphere evenly enough: the Kronecker sequence of the powers of 1/g, with
+/// g^7 = g + 1 (Roberts, 2018), in the cube, normalised.
+fn direction(sample: usize) -> Vector6<f64> {
+    const G: f64 = 1.134_724_138_401_519_5;
+    let in_cube = |i: usize, _| 2.0 * (0.5 + sample as f64 * G.powi(-1 - i as i32)).fract() - 1.0;
+    let point = Vector6::from_fn(in_cube);
+    // The first is the centre of the cube, which is no direction.
+    point.try_normalize(1e-9).unwrap_or_else(Vector6::x)
 }
 
 impl Chosen {

@@ -6,7 +6,7 @@ use lqr::{BackwardChain, Certificate, ChainClaim, Constraints, PeriodicSolution,
 use nalgebra::DMatrix;
 
 /// Longest path for which a chain is made: its memory and time grow with the path.
-const LONGEST_CHAIN: usize = 5_000;
+pub(super) const LONGEST_CHAIN: usize = 5_000;
 
 /// Terminal weight, law and level at the steps of the path.
 #[derive(Debug, Clone)]
@@ -70,12 +70,6 @@ impl Ingredients {
         limits: Constraints,
         end: &DMatrix<f64>,
     ) -> Result<Self, TerminalError> {
-        if pairs.len() > LONGEST_CHAIN {
-            return Err(TerminalError::TooLong {
-                steps: pairs.len(),
-                most: LONGEST_CHAIN,
-            });
-        }
         let uncrossed = Uncrossed::of_all(pairs)?;
         let stages: Vec<_> = uncrossed.iter().map(Uncrossed::stage).collect();
         let chain = BackwardChain::solve(&stages, dense(end).as_ref())?;

@@ -4,6 +4,7 @@
 //! to the end of the path; each with the largest level set inside the limits, and a certificate. They are about the needle
 //! linearised along a reference that it executes; what no needle can follow has none.
 
+mod deviation_box;
 mod ingredients;
 mod pair;
 mod problem;
@@ -35,8 +36,17 @@ pub enum TerminalChoice {
     None,
 }
 
+/// A terminal choice that [`TerminalChoice::Auto`] passed over.
+#[derive(Debug, Clone)]
+pub struct RefusedChoice {
+    /// The choice.
+    pub choice: TerminalChoice,
+    /// Why it cannot be had for the reference.
+    pub reason: TerminalError,
+}
+
 /// Why a terminal choice cannot be had for a reference.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 pub enum TerminalError {
     /// The reference's inputs differ where they should not.

@@ -1,10 +1,11 @@
 //! From a path to its terminal ingredients: the choice asked for, or the strongest that can be had.
 
-use super::ingredients::Ingredients;
+use super::deviation_box::DeviationBox;
+use super::ingredients::{Ingredients, LONGEST_CHAIN};
 use super::pair::Pair;
-use super::{TerminalChoice, TerminalError};
+use super::{RefusedChoice, TerminalChoice, TerminalError};
 use crate::limits::InputLimits;
-use lqr::{ConstraintError, Constraints};
+use lqr::Constraints;
 use nalgebra::{DMatrix, Matrix2};
 use needle_model::{ControllabilityReport, Input, Needle, ReferencePath};
 
@@ -25,6 +26,8 @@ pub(crate) const DEPTH_AND_ROLL: &[usize] = &[2, 5];
 pub(crate) struct Chosen {
     pub(crate) choice: TerminalChoice,
     pub(crate) ingredients: Ingredients,
+    /// What [`TerminalChoice::Auto`] passed over.
+    pub(crate) refused: Vec<RefusedChoice>,
 }
 
 /// What terminal ingredients are made from.
@@ -47,59 +50,46 @@ pub(crate) struct TerminalProblem<'a> {
 }
 
 impl TerminalProblem<'_> {
-    /// Ingredients along a path of a bevel-tip needle.
+    /// Ingredients along the path. [`TerminalChoice::Auto`] takes the strongest that can be had and keeps why the others cannot.
     pub(crate) fn choose(&self, wanted: TerminalChoice) -> Result<Chosen, TerminalError> {
+        let curvature_per_mm = self.needle.curvature_per_mm();
+        if self.is_straight() && curvature_per_mm != 0.0 {
+            return Err(TerminalError::Bent { curvature_per_mm });
+        }
         let attempts: &[TerminalChoice] = match wanted {
+            TerminalChoice::None => return Ok(self.without()),
+            TerminalChoice::Auto if self.is_straight() => &[TerminalChoice::HelixDare],
             TerminalChoice::Auto => &[TerminalChoice::HelixDare, TerminalChoice::RiccatiChain],
             ref other => std::slice::from_ref(other),
         };
-        let mut refusal = None;
+        let mut refused = Vec::new();
         for &choice in attempts {
             match self.attempt(choice) {
                 Ok(ingredients) => {
                     let chosen = Chosen {
                         choice,
                         ingredients,
+                        refused,
                     };
-                    return match choice {
-                        TerminalChoice::None => Ok(chosen),
-                        _ => chosen.with_interior(wanted, || self.exhausted()),
-                    };
+                    return chosen.with_interior(wanted, || self.room().exhausted());
                 }
-                Err(reason) => refusal = Some(reason),
+                Err(reason) if wanted != TerminalChoice::Auto => return Err(reason),
+                Err(reason) => refused.push(RefusedChoice { choice, reason }),
             }
         }
-        match refusal {
-            Some(reason) if wanted != TerminalChoice::Auto => Err(reason),
-            _ => Ok(self.without()),
-        }
+        Ok(Chosen {
+            refused,
+            ..self.without()
+        })
     }
 
-    /// Ingredients of a straight needle: its pair is the same whatever the inputs.
-    pub(crate) fn choose_straight(&self, wanted: TerminalChoice) -> Result<Chosen, TerminalError> {
-        let curvature_per_mm = self.needle.curvature_per_mm();
-        if curvature_per_mm != 0.0 {
-            return Err(TerminalError::Bent { curvature_per_mm });
-        }
-        let stationary = || -> Result<Chosen, TerminalError> {
-            self.executable()?;
-            let pair = self.pair(Input::ZERO)?;
-            let ingredients = Ingredients::stationary(&pair, self.deviation_limits()?)?;
-            let chosen = Chosen {
-                // One pair at every step: chain and period have the same fixed point.
-                choice: match wanted {
-                    TerminalChoice::Auto => TerminalChoice::HelixDare,
-                    other => other,
-                },
-                ingredients: ingredients.until(self.path.inputs().len()),
-            };
-            chosen.with_interior(wanted, || self.exhausted())
-        };
-        match wanted {
-            TerminalChoice::None => Ok(self.without()),
-            TerminalChoice::Auto => Ok(stationary().unwrap_or_else(|_| self.without())),
-            _ => stationary(),
-        }
+    fn room(&self) -> DeviationBox {
+        DeviationBox::of(self.path.inputs(), &self.limits, self.dt_s)
+    }
+
+    /// Whether the model is that of a straight needle: one pair at every step, whatever the inputs.
+    fn is_straight(&self) -> bool {
+        self.coordinates == DEPTH_AND_ROLL
     }
 
     /// The weights at the end and no set.
@@ -107,25 +97,45 @@ impl TerminalProblem<'_> {
         Chosen {
             choice: TerminalChoice::None,
             ingredients: Ingredients::none(self.end.clone()),
+            refused: Vec::new(),
+        }
+    }
+
+    /// The same where every choice is refused for one reason.
+    pub(crate) fn refusing(&self, reason: TerminalError) -> Chosen {
+        let refused = |choice| RefusedChoice {
+            choice,
+            reason: reason.clone(),
+        };
+        Chosen {
+            refused: vec![
+                refused(TerminalChoice::HelixDare),
+                refused(TerminalChoice::RiccatiChain),
+            ],
+            ..self.without()
         }
     }
 
     fn attempt(&self, choice: TerminalChoice) -> Result<Ingredients, TerminalError> {
-        if choice == TerminalChoice::None {
-            return Ok(Ingredients::none(self.end.clone()));
-        }
         self.executable()?;
         let inputs = self.path.inputs();
-        let limits = self.deviation_limits()?;
+        let limits = self.room().constraints(self.coordinates.len())?;
         let pairs = |inputs: &[Input]| -> Result<Vec<Pair>, TerminalError> {
             inputs.iter().map(|&input| self.pair(input)).collect()
         };
         let ingredients = match choice {
+            _ if self.is_straight() => Ingredients::stationary(&self.pair(Input::ZERO)?, limits)?,
             TerminalChoice::HelixDare => self.stationary(limits)?,
             TerminalChoice::Periodic { period } => {
                 repeats(inputs, period)?;
                 let of_period = pairs(inputs.get(..period).ok_or(TerminalError::NoStep)?)?;
                 Ingredients::periodic(&of_period, limits)?
+            }
+            _ if inputs.len() > LONGEST_CHAIN => {
+                return Err(TerminalError::TooLong {
+                    steps: inputs.len(),
+                    most: LONGEST_CHAIN,
+                });
             }
             _ => Ingredients::chain(&pairs(inputs)?, limits, &self.end)?,
         };
@@ -180,66 +190,11 @@ impl TerminalProblem<'_> {
         }
         Ok(())
     }
-
-    /// Limits on deviations from every one of the reference's inputs at once.
-    fn deviation_limits(&self) -> Result<Constraints, ConstraintError> {
-        let DeviationBox { lower, upper, rate } = self.deviation_box();
-        Constraints::new(self.coordinates.len(), 2)
-            .with_input_box(&lower, &upper)?
-            .with_rate_box(&rate.map(|r| -r), &rate)
-    }
-
-    /// The limit of which the reference leaves least, in a word.
-    fn exhausted(&self) -> &'static str {
-        let DeviationBox { lower, upper, rate } = self.deviation_box();
-        let limits = [
-            ("the insertion speed", upper[0].min(-lower[0])),
-            ("the spin", upper[1].min(-lower[1])),
-            ("the change of the insertion speed", rate[0]),
-            ("the change of the spin", rate[1]),
-        ];
-        let least = limits.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
-        least.map_or("the limits", |(name, _)| name)
-    }
-
-    fn deviation_box(&self) -> DeviationBox {
-        let (limits, inputs) = (&self.limits, self.path.inputs());
-        let extreme = |of: fn(&Input) -> f64, pick: fn(f64, f64) -> f64| {
-            inputs.iter().map(of).reduce(pick).unwrap_or(0.0)
-        };
-        let change = |of: fn(&Input) -> f64| {
-            let steps = inputs
-                .windows(2)
-                .map(|pair| (of(&pair[1]) - of(&pair[0])).abs());
-            steps.fold(0.0, f64::max)
-        };
-        let v: fn(&Input) -> f64 = |u| u.v_mm_s;
-        let omega: fn(&Input) -> f64 = |u| u.omega_rad_s;
-        let lower = [
-            limits.v_min_mm_s - extreme(v, f64::min),
-            -limits.omega_max_rad_s - extreme(omega, f64::min),
-        ];
-        let upper = [
-            limits.v_max_mm_s - extreme(v, f64::max),
-            limits.omega_max_rad_s - extreme(omega, f64::max),
-        ];
-        let rate = [
-            limits.v_rate_max_mm_s2 * self.dt_s - change(v),
-            limits.omega_rate_max_rad_s2 * self.dt_s - change(omega),
-        ];
-        DeviationBox { lower, upper, rate }
-    }
-}
-
-/// Room for deviations (v, omega) from every input of a reference, mm/s and rad/s, and for their change in a step.
-struct DeviationBox {
-    lower: [f64; 2],
-    upper: [f64; 2],
-    rate: [f64; 2],
 }
 
 impl Chosen {
-    /// The same if it has a set. Without one the cost alone is left to [`TerminalChoice::Auto`], and nothing is claimed of it.
+    /// The same if it has a set. Without one the cost alone is left to [`TerminalChoice::Auto`], nothing is claimed of it, and the
+    /// refusal is kept.
     ///
     /// # Errors
     /// [`TerminalError::NoInterior`] for a choice that was asked for by name.
@@ -252,10 +207,17 @@ impl Chosen {
             return Ok(self);
         }
         if wanted != TerminalChoice::Auto {
-            let constraint = constraint();
-            return Err(TerminalError::NoInterior { constraint });
+            return Err(TerminalError::NoInterior {
+                constraint: constraint(),
+            });
         }
         self.ingredients.certificate = None;
+        self.refused.push(RefusedChoice {
+            choice: self.choice,
+            reason: TerminalError::NoInterior {
+                constraint: constraint(),
+            },
+        });
         Ok(self)
     }
 }

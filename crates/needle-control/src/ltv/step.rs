@@ -1,0 +1,188 @@
+//! One step of a linear controller: linearise along the reference, solve for the deviation, and keep or fall back.
+
+use super::{LinearController, LtvController, StraightController};
+use crate::controller::{
+    ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
+};
+use crate::follower::Follower;
+use crate::survival::Sample;
+use mpc_qp::ConstraintGroup;
+use nalgebra::{SVector, Vector2};
+use needle_model::{Input, Pose, StepError};
+use std::time::Instant;
+
+impl<const NX: usize> LinearController<NX> {
+    fn decide(
+        &mut self,
+        measurement: &Measurement,
+        time_s: f64,
+        started: Instant,
+    ) -> (Input, Origin) {
+        let sample = self.follower.observe(measurement, time_s);
+        self.shift(sample.elapsed_s);
+        if let Some(step) = self.follower.without_plan(&sample) {
+            return step;
+        }
+        let origin = sample
+            .pose
+            .and_then(|pose| self.solve(&pose, &sample, started));
+        let Follower { tracker, guard, .. } = &mut self.follower;
+        match origin {
+            Some(origin) if !guard.late(started.elapsed()) => {
+                let (wanted, solution) = (&tracker.inputs, self.regulator.solution());
+                let planned = wanted.iter().zip(&solution.u).map(|(u, d)| absolute(*u, d));
+                guard.keep(planned);
+                let input = guard.apply(absolute(wanted[0], &solution.u[0]), &sample);
+                self.predict();
+                (input, origin)
+            }
+            _ => guard.fall_back(&sample, StopReason::NoPlan),
+        }
+    }
+
+    /// Moves guesses by the whole steps that have passed since the last sample.
+    fn shift(&mut self, elapsed_s: f64) {
+        let (dt_s, horizon) = (self.configuration.dt_s, self.configuration.horizon);
+        let steps = ((self.lag_s + elapsed_s) / dt_s)
+            .round()
+            .clamp(0.0, horizon as f64);
+        self.lag_s = (self.lag_s + elapsed_s - steps * dt_s).clamp(-dt_s, dt_s);
+        self.regulator.shift(steps as usize);
+    }
+
+    /// Solves from a pose; `None` without a usable answer.
+    fn solve(&mut self, pose: &Pose, sample: &Sample, started: Instant) -> Option<Origin> {
+        self.linearise().ok()?;
+        let Follower { tracker, guard, .. } = &self.follower;
+        // The deviation applied last was one from the reference's input at that time.
+        let before = tracker.input_before();
+        self.regulator
+            .set_limits(before, &tracker.inputs, sample.reach_s);
+        let xi = pose.error_from(&tracker.poses[0]);
+        self.present = xi;
+        let mut error = SVector::<f64, NX>::zeros();
+        for (i, &coordinate) in self.coordinates.iter().enumerate() {
+            error[i] = xi[coordinate];
+        }
+        let previous = guard.previous();
+        let previous = Vector2::new(
+            previous.v_mm_s - before.v_mm_s,
+            previous.omega_rad_s - before.omega_rad_s,
+        );
+        let end_step = tracker.step() + self.configuration.horizon;
+        let answer = self
+            .regulator
+            .solve(
+                &error,
+                &previous,
+                (&self.ingredients, end_step),
+                guard.remaining(started),
+            )
+            .ok()?;
+        self.statistics.status = Some(answer.status);
+        self.statistics.solves += answer.solves;
+        self.statistics.iterations += answer.iterations;
+        let usable =
+            answer.status.has_solution() && self.regulator.solution().u[0].sum().is_finite();
+        if !usable {
+            return None;
+        }
+        // The programs carry the factor 1/2 of `mpc-qp`.
+        self.value = 2.0 * self.regulator.solution().objective;
+        Some(match answer.violation > 0.0 {
+            true => Origin::Degraded {
+                softened: ConstraintGroup::TerminalSet,
+                violation: answer.violation,
+            },
+            false => Origin::Optimal,
+        })
+    }
+
+    fn linearise(&mut self) -> Result<(), StepError> {
+        let (tracker, dt_s) = (&self.follower.tracker, self.configuration.dt_s);
+        for k in 0..self.configuration.horizon {
+            let (here, next) = (&tracker.poses[k], &tracker.poses[k + 1]);
+            let link = self
+                .follower
+                .needle
+                .step_residual(here, tracker.inputs[k], next, dt_s)?
+                .solved_for_target();
+            let stage = self.regulator.stage_mut(k);
+            for (i, &row) in self.coordinates.iter().enumerate() {
+                for (j, &column) in self.coordinates.iter().enumerate() {
+                    stage.a[(i, j)] = link.a[(row, column)];
+                }
+                for j in 0..2 {
+                    stage.b[(i, j)] = link.b[(row, j)];
+                }
+                stage.c[i] = link.c[row];
+            }
+        }
+        Ok(())
+    }
+
+    /// Poses of the plan; coordinates outside the model keep the present error.
+    fn predict(&mut self) {
+        let reference = &self.follower.tracker.poses;
+        for (k, x) in self.regulator.solution().x.iter().enumerate() {
+            let mut xi = self.present;
+            for (i, &coordinate) in self.coordinates.iter().enumerate() {
+                xi[coordinate] = x[i];
+            }
+            self.predicted[k] = reference[k].perturbed(&xi);
+        }
+    }
+
+    fn decided(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_> {
+        let started = Instant::now();
+        self.statistics = SolverStatistics::default();
+        let (input, origin) = self.decide(measurement, time_s, started);
+        self.statistics.time = started.elapsed();
+        let predicted: &[Pose] = match origin {
+            Origin::Stop { .. } => &[],
+            Origin::ShiftedPlan { age } => self.predicted.get(age..).unwrap_or_default(),
+            _ => &self.predicted,
+        };
+        ControlStep {
+            input,
+            origin,
+            predicted,
+            statistics: self.statistics,
+        }
+    }
+
+    fn forget(&mut self) {
+        self.follower.reset();
+        self.regulator.shift(usize::MAX);
+        self.lag_s = 0.0;
+        self.value = f64::NAN;
+    }
+}
+
+// One for each, not one for all `NX`: so both are compiled here and not again in every crate that uses them.
+impl Controller for LtvController {
+    fn step(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_> {
+        self.decided(measurement, time_s)
+    }
+
+    fn reset(&mut self) {
+        self.forget();
+    }
+}
+
+impl Controller for StraightController {
+    fn step(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_> {
+        self.decided(measurement, time_s)
+    }
+
+    fn reset(&mut self) {
+        self.forget();
+    }
+}
+
+fn absolute(wanted: Input, deviation: &Vector2<f64>) -> Input {
+    Input {
+        v_mm_s: wanted.v_mm_s + deviation[0],
+        omega_rad_s: wanted.omega_rad_s + deviation[1],
+    }
+}
