@@ -7,12 +7,16 @@
 
 mod closed_loop;
 mod deadline;
+#[path = "../deviates/mod.rs"]
+mod deviates;
+mod faulty_solver;
 mod interruptions;
 mod linear;
 mod memory;
 mod nonlinear;
 mod nonlinear_terminal;
 mod reconstruction;
+mod recovery;
 mod scene;
 mod stability;
 mod survival;
