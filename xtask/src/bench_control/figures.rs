@@ -60,7 +60,7 @@ impl Row {
                 let failed = |source| BenchError::Run {
                     case: case.name,
                     controller,
-                    source,
+                    source: Box::new(source),
                 };
                 let scenario = Scenario::parse(&case.scenario(controller))?;
                 let experiment = Experiment::new(&scenario).map_err(failed)?;

@@ -35,7 +35,7 @@ pub(crate) enum BenchError {
     Run {
         case: &'static str,
         controller: &'static str,
-        source: RunError,
+        source: Box<RunError>,
     },
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
@@ -62,10 +62,11 @@ pub(crate) fn run(args: &Args) -> Result<(), BenchError> {
             .par_iter()
             .map(compute)
             .collect::<Result<Vec<_>, _>>()?;
-        return Ok(match args.check {
-            true => golden::check(&rows)?,
-            false => golden::bless(&rows)?,
-        });
+        let outcome = match args.check {
+            true => golden::check(&rows),
+            false => golden::bless(&rows),
+        };
+        return Ok(outcome?);
     }
     // One after the other: times are printed.
     let rows = cells.iter().map(compute).collect::<Result<Vec<_>, _>>()?;

@@ -10,6 +10,10 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// How a solve goes wrong.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "a status holds the blame; there is one fault at a time"
+)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Fault {
     /// A good solver's numbers with this status.
