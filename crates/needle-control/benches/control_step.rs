@@ -1,54 +1,52 @@
 //! Whole control steps in closed loop: linearise, assemble, solve.
 
-use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
+use criterion::{BatchSize, Criterion};
 use nalgebra::Vector6;
 use needle_control::{
     Controller, LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController,
     StraightController,
 };
 use needle_model::{Input, Needle, Pose, ReferencePath};
+use std::error::Error;
+use std::hint::black_box;
+use std::time::Duration;
 
 const DT_S: f64 = 0.1;
 const STEPS: usize = 50;
 
-/// Measurements of a closed loop, and the controller warmed up by its first step.
+/// Times a closed loop that is warm from its first step on: the measurements are those of one run.
 fn benchmark<C: Controller + Clone>(
     criterion: &mut Criterion,
     name: &str,
     needle: Needle,
     mut controller: C,
-) {
+) -> Result<(), Box<dyn Error>> {
     let mut pose = Pose::exp(&Vector6::new(0.1, -0.1, 0.0, 0.01, 0.0, 0.1));
     let mut input = controller.step(&Measurement::of(pose), 0.0).input;
     let warm = controller.clone();
     let mut measurements = Vec::new();
     for step in 1..=STEPS {
-        pose = needle.step(&pose, input, DT_S).unwrap_or(pose);
-        measurements.push(Measurement::of(pose));
-        input = controller
-            .step(&measurements[step - 1], step as f64 * DT_S)
-            .input;
+        pose = needle.step(&pose, input, DT_S)?;
+        let measurement = Measurement::of(pose);
+        measurements.push(measurement);
+        input = controller.step(&measurement, step as f64 * DT_S).input;
     }
     criterion.bench_function(&format!("{STEPS} steps of {name}"), |bencher| {
         bencher.iter_batched_ref(
             || warm.clone(),
             |controller| {
                 for (step, measurement) in measurements.iter().enumerate() {
-                    std::hint::black_box(
-                        controller.step(measurement, (step + 1) as f64 * DT_S).input,
-                    );
+                    black_box(controller.step(measurement, (step + 1) as f64 * DT_S).input);
                 }
             },
             BatchSize::SmallInput,
         );
     });
+    Ok(())
 }
 
-fn control_steps(criterion: &mut Criterion) {
-    let (needle, straight) = (Needle::new(1.0 / 150.0), Needle::new(0.0));
-    let (Ok(needle), Ok(straight)) = (needle, straight) else {
-        return;
-    };
+fn control_steps(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
+    let (needle, straight) = (Needle::new(1.0 / 150.0)?, Needle::new(0.0)?);
     let helix = Input {
         v_mm_s: 5.0,
         omega_rad_s: 1.0,
@@ -56,47 +54,42 @@ fn control_steps(criterion: &mut Criterion) {
     let path =
         |needle| ReferencePath::from_inputs(needle, Pose::identity(), vec![helix; 400], DT_S);
     let bend = Vector6::new(0.0, 0.0, 0.5, 0.5 / 300.0, 0.0, 0.005);
-    let curve = ReferencePath::from_poses(
-        (0..=200)
-            .map(|k| Pose::exp(&(bend * f64::from(k))))
-            .collect(),
-        DT_S,
-    );
-    let (Ok(path), Ok(line), Ok(curve)) = (path(needle), path(straight), curve) else {
-        return;
-    };
-    let linear = |horizon| LinearConfiguration {
-        horizon,
-        ..LinearConfiguration::default()
-    };
-    if let Ok(controller) = StraightController::new(straight, line, linear(20)) {
-        benchmark(criterion, "straight, N = 20", straight, controller);
-    }
+    let curve = (0..=200).map(|k| Pose::exp(&(bend * f64::from(k))));
+    let curve = ReferencePath::from_poses(curve.collect(), DT_S)?;
     for horizon in [8, 20, 50, 100] {
-        if let Ok(controller) = LtvController::new(needle, path.clone(), linear(horizon)) {
-            benchmark(
-                criterion,
-                &format!("ltv, N = {horizon}"),
-                needle,
-                controller,
-            );
-        }
+        let linear = LinearConfiguration {
+            horizon,
+            ..LinearConfiguration::default()
+        };
+        let lti = StraightController::new(straight, path(straight)?, linear.clone())?;
+        benchmark(
+            criterion,
+            &format!("straight, N = {horizon}"),
+            straight,
+            lti,
+        )?;
+        let ltv = LtvController::new(needle, path(needle)?, linear)?;
+        benchmark(criterion, &format!("ltv, N = {horizon}"), needle, ltv)?;
     }
     for horizon in [20, 40] {
         let configuration = NmpcConfiguration {
             horizon,
             ..NmpcConfiguration::default()
         };
-        if let Ok(controller) = NmpcController::new(needle, curve.clone(), configuration) {
-            benchmark(
-                criterion,
-                &format!("nmpc, N = {horizon}"),
-                needle,
-                controller,
-            );
-        }
+        let nmpc = NmpcController::new(needle, curve.clone(), configuration)?;
+        benchmark(criterion, &format!("nmpc, N = {horizon}"), needle, nmpc)?;
     }
+    Ok(())
 }
 
-criterion_group!(benches, control_steps);
-criterion_main!(benches);
+/// A controller that cannot be made ends the run with its reason.
+fn main() -> Result<(), Box<dyn Error>> {
+    // Ten programs of 3 + 10 s, and the analysis.
+    let mut criterion = Criterion::default()
+        .warm_up_time(Duration::from_secs(3))
+        .measurement_time(Duration::from_secs(10))
+        .configure_from_args();
+    control_steps(&mut criterion)?;
+    criterion.final_summary();
+    Ok(())
+}

@@ -5,12 +5,13 @@
 #![allow(clippy::print_stdout, reason = "a study reports")]
 #![allow(clippy::unwrap_used, reason = "constants of this file")]
 
+#[path = "../tests/deviates/mod.rs"]
+mod deviates;
 #[path = "../tests/baselines_and_estimation/harness.rs"]
 mod harness;
 
-use harness::{
-    DT_S, Normal, Tracking, bent_path, drive, helix_path, needle, perturbed_start, plant,
-};
+use deviates::Deviates;
+use harness::{DT_S, Tracking, bent_path, drive, helix_path, needle, perturbed_start, plant};
 use nalgebra::{Vector2, Vector6};
 use needle_control::{
     BaselineSettings, Controller, DutyCycledGains, DutyCycledSteering, FeedForward, LateralGains,
@@ -32,10 +33,10 @@ fn study(path: &ReferencePath, mut make: impl FnMut() -> Box<dyn Controller>) ->
 /// Mean over four draws of the noise: a single draw tunes the law to itself.
 fn noisy(path: &ReferencePath, make: &mut impl FnMut() -> Box<dyn Controller>) -> Tracking {
     let mut runs = (0..4).map(|seed| {
-        let mut noise = Normal::seeded(seed);
+        let mut noise = Deviates::seeded(seed);
         let sense = |tip: &Pose, _, _| {
             let mut seen = *tip;
-            seen.position_mm += noise.vector() * 0.2;
+            seen.position_mm += noise.normals() * 0.2;
             Measurement::of(seen)
         };
         drive(&mut *make(), &plant(1.0), &Pose::identity(), path, sense)
@@ -257,7 +258,7 @@ fn main() {
             ),
         ];
         for (law, controller) in &mut laws {
-            let mut noise = Normal::seeded(2);
+            let mut noise = Deviates::seeded(2);
             let t = drive(
                 controller.as_mut(),
                 &plant(factor),
@@ -265,7 +266,7 @@ fn main() {
                 &path,
                 |tip, _, _| {
                     let mut seen = *tip;
-                    seen.position_mm += noise.vector() * noise_mm;
+                    seen.position_mm += noise.normals() * noise_mm;
                     Measurement::of(seen)
                 },
             );

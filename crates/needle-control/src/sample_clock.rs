@@ -7,7 +7,7 @@
 pub(crate) struct SampleClock {
     nominal_s: f64,
     last_s: Option<f64>,
-    /// Time given out since the last reading that was a number.
+    /// Time given out since the last reading that told one.
     ahead_s: f64,
     ticked: bool,
 }
@@ -37,12 +37,12 @@ impl SampleClock {
     /// was asked for means that time has passed, whatever the clock says.
     pub(crate) fn tick(&mut self, time_s: f64) -> f64 {
         self.ticked = true;
-        if !time_s.is_finite() {
+        if !time_s.is_finite() || self.last_s == Some(time_s) {
             self.ahead_s += self.nominal_s;
             return self.nominal_s;
         }
         let since_s = self.last_s.map_or(self.nominal_s, |last| time_s - last);
-        // What was given out for readings that were no numbers is not given out again, if that leaves any time.
+        // What was given out for readings that told no time is not given out again, if that leaves any.
         let elapsed_s = [since_s - self.ahead_s, since_s, self.nominal_s]
             .into_iter()
             .find(|elapsed| elapsed.is_finite() && *elapsed > 0.0);
@@ -60,7 +60,15 @@ mod tests {
         let mut clock = SampleClock::new(0.25, None);
         let readings = [7.0, 7.5, f64::NAN, 8.0, 7.0, 7.0, f64::INFINITY, 9.0];
         let elapsed: Vec<f64> = readings.iter().map(|&t| clock.tick(t)).collect();
-        assert_eq!(elapsed, [0.25, 0.5, 0.25, 0.25, 0.25, 0.25, 0.25, 1.75]);
+        assert_eq!(elapsed, [0.25, 0.5, 0.25, 0.25, 0.25, 0.25, 0.25, 1.5]);
+    }
+
+    #[test]
+    fn a_clock_that_stood_still_gives_its_time_out_once() {
+        let mut clock = SampleClock::new(0.25, None);
+        let elapsed: f64 = [1.0, 1.0, 1.0, 1.75].map(|t| clock.tick(t)).iter().sum();
+        // One nominal sample before the first reading, and 0.75 s from there to the last.
+        assert_eq!(elapsed, 1.0);
     }
 
     #[test]

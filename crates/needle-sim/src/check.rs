@@ -94,7 +94,10 @@ pub struct CheckReport {
 /// [`RunError`] when it cannot be run at all.
 pub fn check(scenario: &Scenario) -> Result<CheckReport, RunError> {
     let experiment = Experiment::new(scenario)?;
-    let (path, needle) = (experiment.path(), Needle::new(scenario.curvature_per_mm)?);
+    let (path, needle) = (
+        experiment.steered_path(),
+        Needle::new(scenario.curvature_per_mm)?,
+    );
     // A path that exists has finite steps; a defect that cannot be had counts as one.
     let defect = path.largest_defect(needle).ok().flatten();
     let largest_defect = defect.map_or(0.0, |(_, defect)| defect.norm());

@@ -3,7 +3,7 @@
 use crate::estimation::{Estimator, EstimatorError};
 use crate::imaging::{Imaging, Reading};
 use crate::path_distance::{Nearest, PathDistance};
-use crate::path_source::{PathSourceError, reference_path};
+use crate::path_source::{PathSourceError, reference_path, steered_path};
 use crate::record::{
     EllipsoidRecord, InputRecord, OriginRecord, PoseRecord, ReadingRecord, ReferenceRecord,
     RunRecord, RunSummary, StepRecord,
@@ -47,6 +47,8 @@ pub struct Experiment {
     scenario: Scenario,
     needle: Needle,
     path: ReferencePath,
+    /// The path as the controller has it.
+    steered: ReferencePath,
     steering: Steering,
 }
 
@@ -72,7 +74,8 @@ impl Experiment {
     pub fn new(scenario: &Scenario) -> Result<Self, RunError> {
         let needle = Needle::new(scenario.curvature_per_mm)?;
         let path = reference_path(scenario)?;
-        let steering = Steering::new(scenario, needle, path.clone())?;
+        let steered = steered_path(scenario, &path)?;
+        let steering = Steering::new(scenario, needle, steered.clone())?;
         // What could fail in a run fails here: the numbers drawn in a run make no scenario invalid.
         Estimator::new(scenario, needle, &path.poses()[0])?;
         SimulatedNeedle::new(scenario, 0, &path.poses()[0])?;
@@ -80,6 +83,7 @@ impl Experiment {
             scenario: scenario.clone(),
             needle,
             path,
+            steered,
             steering,
         })
     }
@@ -90,10 +94,16 @@ impl Experiment {
         &self.scenario
     }
 
-    /// The path.
+    /// The path that distances are to.
     #[must_use]
     pub fn path(&self) -> &ReferencePath {
         &self.path
+    }
+
+    /// The path as the controller has it: another one where the scenario asks for what the needle executes.
+    #[must_use]
+    pub fn steered_path(&self) -> &ReferencePath {
+        &self.steered
     }
 
     /// What is claimed of the controller's terminal ingredients; `None` without any.

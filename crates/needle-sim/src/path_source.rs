@@ -92,6 +92,7 @@ pub fn reference_path(scenario: &Scenario) -> Result<ReferencePath, PathSourceEr
         Reference::Inputs {
             curvature_factor,
             segments,
+            ..
         } => {
             let maker = Needle::new(scenario.curvature_per_mm * curvature_factor)?;
             let inputs = segments.iter().flat_map(|segment| samples(segment, dt_s));
@@ -112,14 +113,7 @@ pub fn reference_path(scenario: &Scenario) -> Result<ReferencePath, PathSourceEr
             speed_mm_s,
         } => {
             let positions = read_positions(&scenario.folder.join(file))?;
-            let settings = PositionPathSettings {
-                speed_mm_s: *speed_mm_s,
-                dt_s,
-                v_min_mm_s: scenario.limits.v_min_mm_s,
-                v_max_mm_s: scenario.limits.v_max_mm_s,
-                omega_max_rad_s: scenario.limits.omega_max_rad_s,
-                ..PositionPathSettings::default()
-            };
+            let settings = position_settings(scenario, *speed_mm_s);
             Ok(path_through(needle, &positions, *smoothing_mm, settings)?.path)
         }
         Reference::Poses { file } => {
@@ -133,6 +127,37 @@ pub fn reference_path(scenario: &Scenario) -> Result<ReferencePath, PathSourceEr
                 .map_err(|source| PathSourceError::Poses { path, source })?;
             Ok(ReferencePath::from_poses(poses, dt_s)?)
         }
+    }
+}
+
+/// The path that the controller is given: `path`, or what its needle executes along it.
+pub(crate) fn steered_path(
+    scenario: &Scenario,
+    path: &ReferencePath,
+) -> Result<ReferencePath, PathSourceError> {
+    match &scenario.reference {
+        Reference::Inputs {
+            reconstructed: true,
+            ..
+        } => {
+            let needle = Needle::new(scenario.curvature_per_mm)?;
+            let positions: Vec<_> = path.poses().iter().map(|pose| pose.position_mm).collect();
+            let length_mm = path.arc_length_mm().last().copied().unwrap_or(0.0);
+            let settings = position_settings(scenario, length_mm / path.duration_s());
+            Ok(path_through(needle, &positions, 0.0, settings)?.path)
+        }
+        _ => Ok(path.clone()),
+    }
+}
+
+fn position_settings(scenario: &Scenario, speed_mm_s: f64) -> PositionPathSettings {
+    PositionPathSettings {
+        speed_mm_s,
+        dt_s: scenario.dt_s,
+        v_min_mm_s: scenario.limits.v_min_mm_s,
+        v_max_mm_s: scenario.limits.v_max_mm_s,
+        omega_max_rad_s: scenario.limits.omega_max_rad_s,
+        ..PositionPathSettings::default()
     }
 }
 

@@ -1,214 +1,200 @@
-//! The cases: a path, a plant that is not the model, and what the controller gets to see.
+//! The cases, as pieces of scenarios: a path, a plant that is not the model, and what the controller gets to see.
 //!
 //! Unless a case says otherwise: 100 mm at 5 mm/s, dt = 0.1 s, a model that bends by 1/150 per mm, a path of half of that with a
-//! torsion of 0.01 rad/mm, the pose measured exactly.
+//! torsion of 0.01 rad/mm, the pose measured exactly, ten steps of the plant in a sample.
 
-use nalgebra::Vector6;
-use needle_control::{NeedleFilter, ReconstructionError};
-use needle_model::{
-    CurvatureProfile, CurvatureProfileError, EulerState, InvalidCurvature, InvalidTorsion, Needle,
-    PhysicalNeedle, Pose, PositionPathError, ReferencePath, ReferencePathError, Torsion,
-    TorsionalLag, paper_bevel_inputs,
-};
-
-/// Curvature of the model, 1/mm.
-pub(super) const CURVATURE_PER_MM: f64 = 1.0 / 150.0;
-
-/// Sample time, s.
-pub(super) const DT_S: f64 = 0.1;
-
-/// Length of the curves, mm, and speed along them.
-const LENGTH_MM: f64 = 100.0;
-pub(super) const SPEED_MM_S: f64 = 5.0;
-
-/// Why a case cannot be set up or run.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum CaseError {
-    #[error(transparent)]
-    Curvature(#[from] InvalidCurvature),
-    #[error(transparent)]
-    Profile(#[from] CurvatureProfileError),
-    #[error(transparent)]
-    Torsion(#[from] InvalidTorsion),
-    #[error(transparent)]
-    Path(#[from] ReferencePathError),
-    #[error(transparent)]
-    Positions(#[from] PositionPathError),
-    #[error(transparent)]
-    Curve(#[from] needle_model::PositionCurveError),
-    #[error(transparent)]
-    Reconstruction(#[from] ReconstructionError),
-    #[error(transparent)]
-    Step(#[from] needle_model::StepError),
-    #[error(transparent)]
-    Filter(#[from] needle_control::FilterError),
-    #[error(transparent)]
-    Predictive(#[from] needle_control::ConfigurationError),
-    #[error(transparent)]
-    Explicit(#[from] needle_control::BaselineError),
-}
-
-/// What reaches the controller.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Sensing {
-    /// The pose, with this noise on each coordinate of the position.
-    Pose { noise_mm: f64 },
-    /// Position and tangent with noise, late by some samples, through the filter: roll is unseen, curvature is doubted.
-    Filter {
-        noise_mm: f64,
-        noise_rad: f64,
-        late_samples: usize,
-    },
-}
-
-/// One row of cases.
-#[derive(Debug, Clone)]
+/// A case.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Case {
     pub(super) name: &'static str,
-    pub(super) path: ReferencePath,
-    /// Whether the model's needle executes the path as it stands.
-    pub(super) executable: bool,
-    pub(super) plant: PhysicalNeedle,
-    pub(super) start: Pose,
-    pub(super) sensing: Sensing,
+    path: &'static str,
+    /// Keys of its own, one a line.
+    keys: &'static str,
+    /// Runs, each with noise of its own.
+    pub(super) runs: u64,
 }
 
-/// A curve of constant curvature, as a fraction of the needle's, and torsion.
-fn curve(ratio: f64, torsion_rad_per_mm: f64) -> Result<ReferencePath, CaseError> {
-    let twist = Vector6::new(
-        0.0,
-        0.0,
-        1.0,
-        ratio * CURVATURE_PER_MM,
-        0.0,
-        torsion_rad_per_mm,
-    );
-    let step_mm = SPEED_MM_S * DT_S;
-    let samples = (LENGTH_MM / step_mm).round() as usize;
-    let poses = (0..=samples).map(|k| Pose::exp(&(twist * (k as f64 * step_mm))));
-    Ok(ReferencePath::from_poses(poses.collect(), DT_S)?)
+/// Runs of a case with noise.
+const NOISY_RUNS: u64 = 8;
+
+/// The controllers by their names in a scenario, in the order of the table.
+pub(super) const CONTROLLERS: [&str; 9] = [
+    "nmpc",
+    "ltv",
+    "straight",
+    "lqr",
+    "pid",
+    "sliding_mode",
+    "duty_cycled",
+    "feed_forward",
+    "published",
+];
+
+/// Controllers that follow a path's own inputs: of a curve they get what the needle executes along it.
+const BY_INPUTS: [&str; 3] = ["ltv", "lqr", "feed_forward"];
+
+const CURVE: &str = "\
+needle.curvature_per_mm = 0.006666666666666667
+reference.kind = 'inputs'
+reference.curvature_factor = 0.5
+reference.segments = [{ duration_s = 20.0, v_mm_s = 5.0, omega_rad_s = 0.05 }]
+";
+
+const STRONGLY_BENT: &str = "\
+needle.curvature_per_mm = 0.006666666666666667
+reference.kind = 'inputs'
+reference.curvature_factor = 0.8
+reference.segments = [{ duration_s = 20.0, v_mm_s = 5.0, omega_rad_s = 0.05 }]
+";
+
+const LINE: &str = "\
+needle.curvature_per_mm = 0.006666666666666667
+reference.kind = 'inputs'
+reference.curvature_factor = 0.0
+reference.segments = [{ duration_s = 20.0, v_mm_s = 5.0 }]
+";
+
+const PAPER_BEVEL: &str = "\
+needle.curvature_per_mm = 0.006666666666666667
+reference.kind = 'paper_bevel'
+";
+
+/// A needle without bevel, and the paper's limits but for the lower bound of the speed, which it lacks.
+const PAPER_STRAIGHT: &str = "\
+needle.curvature_per_mm = 0.0
+reference.kind = 'paper_straight'
+limits.v_max_mm_s = 200.0
+limits.v_rate_max_mm_s2 = 1000.0
+";
+
+const VARYING: &str = "\
+plant.curvature_profile = [
+    { depth_mm = 0.0, factor = 0.8 },
+    { depth_mm = 50.0, factor = 1.2 },
+    { depth_mm = 100.0, factor = 0.8 },
+]
+";
+
+/// The Euler angles 0.05, 0.05 and 1 rad as a rotation vector.
+const OFF: &str = "\
+plant.start.offset_mm = [1.0, 1.0, 0.0]
+plant.start.rotation_rad = [0.07075393, 0.02075977, 1.00081902]
+";
+
+const UNFILTERED: &str = "\
+estimator.kind = 'raw'
+sensors.position_std_mm = 0.2
+";
+
+/// Roll is unseen, and the filter doubts the curvature by 30 %.
+const ROLL_UNSEEN: &str = "\
+estimator.kind = 'filter'
+sensors.roll_measured = false
+sensors.position_std_mm = 0.01
+sensors.tangent_std_rad = 0.0008726646
+";
+
+const FILTERED: &str = "\
+estimator.kind = 'filter'
+sensors.roll_measured = false
+sensors.position_std_mm = 0.2
+sensors.tangent_std_rad = 0.01745329
+";
+
+const FILTERED_LATE: &str = "\
+estimator.kind = 'filter'
+sensors.roll_measured = false
+sensors.position_std_mm = 0.2
+sensors.tangent_std_rad = 0.01745329
+sensors.delay_s = 0.1
+";
+
+const FILTERED_WEAK: &str = "\
+estimator.kind = 'filter'
+sensors.roll_measured = false
+sensors.position_std_mm = 0.2
+sensors.tangent_std_rad = 0.01745329
+plant.curvature_factor = 0.8
+";
+
+const fn exact(name: &'static str, path: &'static str, keys: &'static str) -> Case {
+    Case {
+        name,
+        path,
+        keys,
+        runs: 1,
+    }
 }
 
-fn bending(factor: f64) -> Result<PhysicalNeedle, CaseError> {
-    Ok(Needle::new(factor * CURVATURE_PER_MM)?.into())
+const fn noisy(name: &'static str, keys: &'static str) -> Case {
+    Case {
+        runs: NOISY_RUNS,
+        ..exact(name, CURVE, keys)
+    }
 }
 
 /// Every case.
-pub(super) fn all() -> Result<Vec<Case>, CaseError> {
-    let nominal = Case {
-        name: "nominal",
-        path: curve(0.5, 0.01)?,
-        executable: false,
-        plant: bending(1.0)?,
-        start: Pose::identity(),
-        sensing: Sensing::Pose { noise_mm: 0.0 },
-    };
-    let like = |name| Case {
-        name,
-        ..nominal.clone()
-    };
-    let filtered = |noise_mm, noise_rad: f64, late_samples| Sensing::Filter {
-        noise_mm,
-        noise_rad: noise_rad.to_radians(),
-        late_samples,
-    };
-    let varying = CurvatureProfile::new(&[
-        (0.0, 0.8 * CURVATURE_PER_MM),
-        (50.0, 1.2 * CURVATURE_PER_MM),
-        (100.0, 0.8 * CURVATURE_PER_MM),
-    ])?;
-    let off = EulerState {
-        x_mm: 1.0,
-        y_mm: 1.0,
-        z_mm: 0.0,
-        alpha_rad: 0.05,
-        beta_rad: 0.05,
-        gamma_rad: 1.0,
-    };
-    let paper = ReferencePath::from_inputs(
-        Needle::new(CURVATURE_PER_MM)?,
-        Pose::identity(),
-        paper_bevel_inputs(),
-        DT_S,
-    )?;
-    Ok(vec![
-        Case {
-            plant: bending(0.8)?,
-            ..like("plant curvature -20 %")
-        },
-        Case {
-            plant: bending(1.2)?,
-            ..like("plant curvature +20 %")
-        },
-        Case {
-            plant: PhysicalNeedle {
-                curvature: varying,
-                ..bending(1.0)?
-            },
-            ..like("plant curvature varies by 20 %")
-        },
-        Case {
-            path: curve(0.8, 0.01)?,
-            ..like("path curvature 0.8")
-        },
-        Case {
-            path: curve(0.0, 0.0)?,
-            ..like("straight path")
-        },
-        Case {
-            start: off.to_pose(),
-            ..like("start off the path")
-        },
-        Case {
-            plant: PhysicalNeedle {
-                torsion: Torsion::FirstOrder(TorsionalLag::new(0.1)?),
-                ..bending(1.0)?
-            },
-            ..like("torsional lag 0.1 s")
-        },
-        Case {
-            sensing: Sensing::Pose { noise_mm: 0.2 },
-            ..like("noise 0.2 mm, no filter")
-        },
-        Case {
-            sensing: filtered(0.01, 0.05, 0),
-            ..like("roll unmeasured")
-        },
-        Case {
-            sensing: filtered(0.2, 1.0, 0),
-            ..like("noise 0.2 mm and 1 deg, filter")
-        },
-        Case {
-            sensing: filtered(0.2, 1.0, 1),
-            ..like("the same, 100 ms late")
-        },
-        Case {
-            sensing: filtered(0.2, 1.0, 0),
-            plant: bending(0.8)?,
-            ..like("the same, plant curvature -20 %")
-        },
-        Case {
-            path: paper,
-            executable: true,
-            ..like("the paper's path")
-        },
-        nominal,
-    ])
-}
+pub(super) const CASES: [Case; 16] = [
+    exact("nominal", CURVE, ""),
+    exact(
+        "plant curvature -20 %",
+        CURVE,
+        "plant.curvature_factor = 0.8\n",
+    ),
+    exact(
+        "plant curvature +20 %",
+        CURVE,
+        "plant.curvature_factor = 1.2\n",
+    ),
+    exact("plant curvature varies by 20 %", CURVE, VARYING),
+    exact("path curvature 0.8", STRONGLY_BENT, ""),
+    exact("straight path", LINE, ""),
+    exact("start off the path", CURVE, OFF),
+    exact(
+        "torsional lag 0.1 s",
+        CURVE,
+        "plant.torsion = { kind = 'first_order', time_constant_s = 0.1 }\n",
+    ),
+    noisy("noise 0.2 mm, no filter", UNFILTERED),
+    noisy("roll unmeasured", ROLL_UNSEEN),
+    noisy("noise 0.2 mm and 1 deg, filter", FILTERED),
+    noisy("the same, 100 ms late", FILTERED_LATE),
+    noisy("the same, plant curvature -20 %", FILTERED_WEAK),
+    exact("the paper's path", PAPER_BEVEL, ""),
+    exact("the paper's path, start off", PAPER_BEVEL, OFF),
+    exact(
+        "the paper's straight needle, 1 mm and 0.1 rad behind",
+        PAPER_STRAIGHT,
+        "plant.start.offset_mm = [0.0, 0.0, -1.0]\nplant.start.rotation_rad = [0.0, 0.0, -0.1]\n",
+    ),
+];
 
-/// The filter of a case, as one knows the needle at entry: 0.2 mm, 0.02 rad, 0.1 rad of roll, curvature to 30 %.
-pub(super) fn filter(noise_mm: f64, noise_rad: f64) -> Result<NeedleFilter, CaseError> {
-    let state = needle_model::LaggedState {
-        pose: Pose::identity(),
-        needle: Needle::new(CURVATURE_PER_MM)?,
-        lag_rad: 0.0,
-    };
-    let std = [0.2, 0.2, 0.2, 0.02, 0.02, 0.1, 0.3 * CURVATURE_PER_MM, 0.01];
-    let settings = needle_control::FilterSettings {
-        position_std_mm: noise_mm,
-        tangent_std_rad: noise_rad,
-        ..needle_control::FilterSettings::default()
-    };
-    let belief = needle_control::Belief::independent(state, &nalgebra::SVector::from(std));
-    Ok(NeedleFilter::new(settings, belief, 0.0)?)
+impl Case {
+    /// Why a controller is none for the case; `None` where it is one.
+    pub(super) fn excludes(&self, controller: &str) -> Option<&'static str> {
+        let straight = self.path == PAPER_STRAIGHT;
+        match controller {
+            "straight" if !straight => Some("the needle has a bevel"),
+            "published" if straight => Some("its needle has a bevel"),
+            "published" if self.path != PAPER_BEVEL => {
+                Some("2 deg/s, its largest spin, is less than the path's")
+            }
+            "pid" | "sliding_mode" | "duty_cycled" if straight => {
+                Some("a needle without bevel cannot be steered")
+            }
+            _ => None,
+        }
+    }
+
+    /// The scenario of a controller on the case.
+    pub(super) fn scenario(&self, controller: &str) -> String {
+        let Self {
+            name, path, keys, ..
+        } = self;
+        let reconstructed = match BY_INPUTS.contains(&controller) && path.contains("'inputs'") {
+            true => "reference.reconstructed = true\n",
+            false => "",
+        };
+        format!("# {name}\ncontroller.name = '{controller}'\n{path}{reconstructed}{keys}")
+    }
 }

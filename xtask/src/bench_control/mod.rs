@@ -1,15 +1,18 @@
 //! `cargo xtask bench-control`: every controller in closed loop on every case of `docs/controllers.md`, as a table, and the committed
-//! figures to compare with.
+//! figures to compare with. The loops are those of `needle-sim`: `--scenarios` writes them as files for `needle run`.
 
 mod cases;
-mod closed_loop;
-mod controllers;
+mod figures;
 mod golden;
 
-use cases::{CaseError, Sensing};
-use closed_loop::Score;
-use needle_sim::output::OutputError;
+use cases::{CASES, CONTROLLERS, Case};
+use figures::{Figure, Judged, Row};
+use needle_sim::output::{self, OutputError};
+use needle_sim::{RunError, ScenarioError};
+use rayon::prelude::*;
+use std::fmt::Write as _;
 use std::io::Write;
+use std::path::{Path, PathBuf};
 
 /// Options of `cargo xtask bench-control`.
 #[derive(Debug, clap::Args)]
@@ -20,6 +23,9 @@ pub(crate) struct Args {
     /// Replace the golden table by what is computed now.
     #[arg(long, conflicts_with = "check")]
     bless: bool,
+    /// Run nothing; write each scenario of the table into this folder, for `needle run`.
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["check", "bless"])]
+    scenarios: Option<PathBuf>,
 }
 
 /// Why the table could not be made, or differs.
@@ -29,10 +35,10 @@ pub(crate) enum BenchError {
     Run {
         case: &'static str,
         controller: &'static str,
-        source: CaseError,
+        source: Box<RunError>,
     },
-    #[error("the cases cannot be set up")]
-    Setup(#[source] CaseError),
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
     #[error(transparent)]
     Golden(#[from] golden::GoldenError),
     #[error(transparent)]
@@ -41,79 +47,90 @@ pub(crate) enum BenchError {
     Print(#[source] std::io::Error),
 }
 
-/// One controller on one case.
-#[derive(Debug, Clone)]
-struct Row {
-    case: &'static str,
-    /// Whether the controller sees noise or an estimate.
-    noisy: bool,
-    controller: &'static str,
-    score: Score,
-}
-
 /// Computes, then prints, checks or blesses.
 pub(crate) fn run(args: &Args) -> Result<(), BenchError> {
-    let mut rows = Vec::new();
-    let mut executed_paths = controllers::ExecutedPaths::default();
-    for case in cases::all().map_err(BenchError::Setup)? {
-        let of = |controller| {
-            move |source| BenchError::Run {
-                case: case.name,
-                controller,
-                source,
-            }
+    let cells: Vec<(&Case, &'static str)> = CASES
+        .iter()
+        .flat_map(|case| CONTROLLERS.map(|controller| (case, controller)))
+        .collect();
+    if let Some(folder) = &args.scenarios {
+        return write_scenarios(&cells, folder);
+    }
+    let compute = |&(case, controller): &(&Case, _)| Row::compute(case, controller);
+    if args.check || args.bless {
+        let rows = cells
+            .par_iter()
+            .map(compute)
+            .collect::<Result<Vec<_>, _>>()?;
+        let outcome = match args.check {
+            true => golden::check(&rows),
+            false => golden::bless(&rows),
         };
-        let executed = executed_paths.of(&case).map_err(of("reconstruction"))?;
-        for controller in controllers::NAMES {
-            let score = controllers::make(controller, &case, &executed)
-                .and_then(|mut made| closed_loop::run(&case, made.as_mut()))
-                .map_err(of(controller))?;
-            rows.push(Row {
-                case: case.name,
-                noisy: case.sensing != (Sensing::Pose { noise_mm: 0.0 }),
-                controller,
-                score,
-            });
-        }
+        return Ok(outcome?);
     }
-    if args.check {
-        return Ok(golden::check(&rows)?);
-    }
-    if args.bless {
-        return Ok(golden::bless(&rows)?);
-    }
-    print(&rows).map_err(BenchError::Print)
+    // One after the other: times are printed.
+    let rows = cells.iter().map(compute).collect::<Result<Vec<_>, _>>()?;
+    let mut out = std::io::stdout().lock();
+    out.write_all(tables(&rows).as_bytes())
+        .map_err(BenchError::Print)
 }
 
-/// The table in Markdown.
-fn print(rows: &[Row]) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
-    writeln!(
-        out,
-        "| case | controller | RMS mm | max mm | final mm | rotation rev | integral of spin rad | median step us | worst step us |"
-    )?;
-    writeln!(
-        out,
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
-    )?;
-    for Row {
-        case,
-        controller,
-        score,
-        ..
-    } in rows
-    {
-        writeln!(
-            out,
-            "| {case} | {controller} | {:.4} | {:.3} | {:.3} | {:.1} | {:.1} | {:.0} | {:.0} |",
-            score.rms_mm,
-            score.max_mm,
-            score.final_mm,
-            score.rotation_rev,
-            score.turned_rad,
-            1e6 * score.median_step.as_secs_f64(),
-            1e6 * score.worst_step.as_secs_f64(),
-        )?;
+fn write_scenarios(cells: &[(&Case, &'static str)], folder: &Path) -> Result<(), BenchError> {
+    output::make_folder(folder)?;
+    for (case, controller) in cells {
+        if case.excludes(controller).is_none() {
+            let words: Vec<_> = case
+                .name
+                .split(|c: char| !c.is_ascii_alphanumeric())
+                .filter(|word| !word.is_empty())
+                .collect();
+            let file = format!("{}-{controller}.toml", words.join("-"));
+            output::write_whole(&folder.join(file), case.scenario(controller).as_bytes())?;
+        }
     }
     Ok(())
+}
+
+/// Two tables in Markdown: a summary, a row a case, and all figures. Those of several runs are mean and standard deviation.
+fn tables(rows: &[Row]) -> String {
+    let mut text = String::from("Root mean square distance, mm, and rotation, revolutions:\n\n");
+    let dashes = " --- |".repeat(1 + CONTROLLERS.len());
+    // Writing to a string cannot fail.
+    let _ = writeln!(text, "| case | {} |\n|{dashes}", CONTROLLERS.join(" | "));
+    for of_case in rows.chunks(CONTROLLERS.len()) {
+        let _ = write!(text, "| {} |", of_case[0].case);
+        for row in of_case {
+            match &row.judged {
+                Some(Judged { figures, .. }) => {
+                    let (rms, rotation) = (worded(figures[0], 4, row.runs), figures[3].mean);
+                    let _ = write!(text, " {rms}, {rotation:.1} |");
+                }
+                None => text.push_str(" - |"),
+            }
+        }
+        text.push('\n');
+    }
+    text.push_str(
+        "\n| case | controller | RMS mm | max mm | final mm | rotation rev | integral of spin rad | median step us | worst step us |\n\
+         | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+    );
+    for row in rows {
+        let Some(judged) = &row.judged else {
+            continue;
+        };
+        let _ = write!(text, "| {} | {} |", row.case, row.controller);
+        for (figure, digits) in judged.figures.iter().zip([4, 3, 3, 1, 1]) {
+            let _ = write!(text, " {} |", worded(*figure, digits, row.runs));
+        }
+        let [median, worst] = [judged.median_step_us, judged.worst_step_us];
+        let _ = writeln!(text, " {median:.0} | {worst:.0} |");
+    }
+    text
+}
+
+fn worded(Figure { mean, spread }: Figure, digits: usize, runs: u64) -> String {
+    match runs {
+        1 => format!("{mean:.digits$}"),
+        _ => format!("{mean:.digits$} ± {spread:.digits$}"),
+    }
 }

@@ -1,6 +1,7 @@
 //! The covariance that the filter reports is that of its errors.
 
-use crate::harness::{DT_S, KAPPA_PER_MM, Normal, needle};
+use crate::deviates::Deviates;
+use crate::harness::{DT_S, KAPPA_PER_MM, needle};
 use nalgebra::{SVector, Vector6};
 use needle_control::{
     Belief, CURVATURE, ERROR_DIMENSION, FilterSettings, LAG, NeedleFilter, Observation,
@@ -55,8 +56,8 @@ fn displaced(state: &LaggedState, error: &Error) -> LaggedState {
     }
 }
 
-fn draw(normal: &mut Normal, std: &Error) -> Error {
-    std.map(|s| s * normal.next())
+fn draw(deviates: &mut Deviates, std: &Error) -> Error {
+    std.map(|s| s * deviates.normal())
 }
 
 fn input_at(step: usize) -> Input {
@@ -84,17 +85,17 @@ fn monte_carlo(settings: &FilterSettings) -> Averages {
     let mut nees = vec![0.0; checked.len()];
     let (mut nis, mut count, mut refused) = ([0.0; 2], [0.0; 2], 0.0);
     for run in 0..RUNS {
-        let mut normal = Normal::seeded(run);
-        let mut truth = displaced(&prior().state, &draw(&mut normal, &prior_std));
+        let mut deviates = Deviates::seeded(run);
+        let mut truth = displaced(&prior().state, &draw(&mut deviates, &prior_std));
         let mut filter = NeedleFilter::new(*settings, prior(), 0.0).unwrap();
         for step in 1..=STEPS {
             let input = input_at(step);
             truth = truth.step(torsion, input, DT_S).unwrap();
-            truth = displaced(&truth, &draw(&mut normal, &process));
+            truth = displaced(&truth, &draw(&mut deviates, &process));
             let time_s = step as f64 * DT_S;
             filter.advance(input, time_s);
-            let seen = truth.pose.position_mm + normal.vector() * settings.position_std_mm;
-            let turned = Vector6::new(0.0, 0.0, 0.0, normal.next(), normal.next(), 0.0);
+            let seen = truth.pose.position_mm + deviates.normals() * settings.position_std_mm;
+            let turned = Vector6::new(0.0, 0.0, 0.0, deviates.normal(), deviates.normal(), 0.0);
             let tangent = truth
                 .pose
                 .perturbed(&(turned * settings.tangent_std_rad))

@@ -3,7 +3,7 @@
 use crate::harness::{DT_S, KAPPA_PER_MM, plant};
 use crate::watching::{filter, prior_at, watch};
 use nalgebra::Vector6;
-use needle_control::{FilterSettings, LAG, Observation, ROLL, RollSearch};
+use needle_control::{FilterSettings, LAG, NeedleFilter, Observation, ROLL, RollSearch};
 use needle_model::{PhysicalNeedle, Pose, Torsion, TorsionalLag};
 
 #[test]
@@ -79,4 +79,38 @@ fn a_roll_that_is_wholly_unknown_is_found() {
         // After 60 mm; the start is known to within pi. A tenth of that is enough for any law.
         assert!(error[5].abs() < 0.3, "{roll}: {}", error[5]);
     }
+}
+
+#[test]
+fn moving_the_world_moves_the_estimate_and_nothing_else() {
+    let world = Pose::exp(&Vector6::new(30.0, -20.0, 10.0, 1.0, -2.0, 0.5));
+    let settings = FilterSettings::default();
+    let mut here = NeedleFilter::new(settings, prior_at(Pose::identity(), 0.3), 0.0).unwrap();
+    let mut there = NeedleFilter::new(settings, prior_at(world, 0.3), 0.0).unwrap();
+    watch(
+        &plant(0.9),
+        &Pose::identity(),
+        60,
+        11,
+        |step, input, seen, state| {
+            let time_s = step as f64 * DT_S;
+            let tangent = state.frame.tangent();
+            for (filter, view) in [(&mut here, Pose::identity()), (&mut there, world)] {
+                filter.advance(input, time_s);
+                let position = view.position_mm + view.rotation * seen;
+                filter.observe(Observation::Position(position), time_s);
+                filter.observe(Observation::Tangent(view.rotation * tangent), time_s);
+            }
+        },
+    );
+    let (a, b) = (here.belief(), there.belief());
+    // Rounding of 40 mm coordinates over sixty corrections.
+    let difference = world
+        .compose(&a.state.pose)
+        .error_from(&b.state.pose)
+        .norm();
+    assert!(difference < 1e-9, "{difference}");
+    let curvature = [a, b].map(|belief| belief.state.needle.curvature_per_mm());
+    assert!((curvature[0] - curvature[1]).abs() < 1e-12, "{curvature:?}");
+    assert!((a.covariance - b.covariance).amax() < 1e-9);
 }

@@ -158,30 +158,3 @@ fn distance_mm(path: &ReferencePath, point: &Vector3<f64>) -> f64 {
 pub(crate) fn perturbed_start() -> Pose {
     Pose::exp(&Vector6::new(0.5, 0.5, 0.0, 0.02, 0.02, 0.5))
 }
-
-/// Deterministic normal deviates: SplitMix64 and the Box-Muller transform.
-#[derive(Debug, Clone)]
-pub(crate) struct Normal(u64);
-
-impl Normal {
-    pub(crate) fn seeded(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    pub(crate) fn next(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-
-    pub(crate) fn vector(&mut self) -> Vector3<f64> {
-        Vector3::new(self.next(), self.next(), self.next())
-    }
-}

@@ -8,6 +8,9 @@ mod baselines;
 #[cfg(test)]
 mod consistency;
 #[cfg(test)]
+#[path = "../deviates/mod.rs"]
+mod deviates;
+#[cfg(test)]
 mod estimation;
 #[cfg(test)]
 mod harness;

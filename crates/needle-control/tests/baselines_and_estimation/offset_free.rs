@@ -1,6 +1,7 @@
 //! With the filter in the loop a wrong curvature costs nothing lasting: the tracking error returns to the nominal figure.
 
-use crate::harness::{KAPPA_PER_MM, Normal, bent_path, drive, needle, plant};
+use crate::deviates::Deviates;
+use crate::harness::{KAPPA_PER_MM, bent_path, drive, needle, plant};
 use nalgebra::{SVector, Vector6};
 use needle_control::{
     BaselineSettings, Belief, Controller, DutyCycledGains, DutyCycledSteering, FilterSettings,
@@ -74,7 +75,7 @@ fn tracked(case: Loop) -> (f64, f64) {
         let std = [0.2, 0.2, 0.2, 0.02, 0.02, 0.1, curvature_std, 0.01];
         let belief = Belief::independent(state, &SVector::from(std));
         let mut filter = NeedleFilter::new(settings, belief, 0.0).unwrap();
-        let mut normal = Normal::seeded(seed);
+        let mut deviates = Deviates::seeded(seed);
         let mut images = VecDeque::new();
         let tracking = drive(
             controller(case.law).as_mut(),
@@ -85,8 +86,8 @@ fn tracked(case: Loop) -> (f64, f64) {
                 if time_s > 0.0 {
                     filter.advance(held, time_s);
                 }
-                let seen = tip.position_mm + normal.vector() * 0.2;
-                let turned = Vector6::new(0.0, 0.0, 0.0, normal.next(), normal.next(), 0.0);
+                let seen = tip.position_mm + deviates.normals() * 0.2;
+                let turned = Vector6::new(0.0, 0.0, 0.0, deviates.normal(), deviates.normal(), 0.0);
                 let tangent = tip.perturbed(&(turned * 1_f64.to_radians())).tangent();
                 images.push_back((time_s, seen, tangent));
                 let due = |taken_at_s: f64| taken_at_s + case.delay_s <= time_s + 1e-6;

@@ -1,6 +1,7 @@
 //! A filter that watches a plant: what the tests of the estimator share.
 
-use crate::harness::{DT_S, KAPPA_PER_MM, Normal, needle};
+use crate::deviates::Deviates;
+use crate::harness::{DT_S, KAPPA_PER_MM, needle};
 use nalgebra::{SVector, Vector3};
 use needle_control::{Belief, FilterSettings, NeedleFilter};
 use needle_model::{Input, LaggedState, PhysicalNeedle, PhysicalState, Pose};
@@ -43,12 +44,12 @@ pub(crate) fn watch(
     seed: u64,
     mut each: impl FnMut(usize, Input, Vector3<f64>, &PhysicalState),
 ) -> PhysicalState {
-    let mut normal = Normal::seeded(seed);
+    let mut deviates = Deviates::seeded(seed);
     let mut state = plant.at_entry(start);
     for step in 1..=steps {
         let input = input_at(step);
         state = stepped(plant, &state, input);
-        let seen = plant.tip(&state).position_mm + normal.vector() * 0.2;
+        let seen = plant.tip(&state).position_mm + deviates.normals() * 0.2;
         each(step, input, seen, &state);
     }
     state

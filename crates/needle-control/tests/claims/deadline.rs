@@ -1,49 +1,17 @@
 //! The deadline is kept at a horizon of 100, and a step that misses it is not applied and says so.
 
+use crate::faulty_solver::{self, Fault, Switch};
 use crate::linear::{HELIX, needle, path};
 use crate::scene::{DT_S, Scene};
-use mpc_qp::{OcpQp, OcpSolver, Solution, SolveError, SolverSettings, Start, StructuredSolver};
 use nalgebra::Vector6;
 use needle_control::{
     Controller, LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController,
     Origin, Survival,
 };
 use needle_model::Pose;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 const DEADLINE: Duration = Duration::from_millis(400);
-
-/// A solver that sleeps through the deadline when it is told to.
-#[derive(Debug, Clone)]
-struct Sleepy<const NX: usize> {
-    solver: StructuredSolver<NX, 2>,
-    asleep: Arc<AtomicBool>,
-}
-
-impl<const NX: usize> Sleepy<NX> {
-    fn new(problem: &OcpQp<NX, 2>, asleep: &Arc<AtomicBool>) -> Result<Self, SolveError> {
-        Ok(Self {
-            solver: StructuredSolver::new(problem, SolverSettings::default())?,
-            asleep: Arc::clone(asleep),
-        })
-    }
-}
-
-impl<const NX: usize> OcpSolver<NX, 2> for Sleepy<NX> {
-    fn solve(
-        &mut self,
-        problem: &OcpQp<NX, 2>,
-        start: Start,
-        solution: &mut Solution<NX, 2>,
-    ) -> Result<(), SolveError> {
-        if self.asleep.load(Ordering::Relaxed) {
-            std::thread::sleep(DEADLINE + Duration::from_millis(20));
-        }
-        self.solver.solve(problem, start, solution)
-    }
-}
 
 fn within(deadline: Duration) -> Survival {
     Survival {
@@ -53,9 +21,10 @@ fn within(deadline: Duration) -> Survival {
 }
 
 /// Two good steps, two late ones, and a good one again.
-fn origins(controller: &mut impl Controller, asleep: &AtomicBool) -> Vec<Origin> {
+fn origins(controller: &mut impl Controller, switch: &Switch) -> Vec<Origin> {
     let step = |(sample, late): (usize, bool)| {
-        asleep.store(late, Ordering::Relaxed);
+        let fault = Fault::Late(DEADLINE + Duration::from_millis(20));
+        switch.set(late.then_some(fault));
         let pose = Pose::exp(&Vector6::new(0.0, 0.0, 0.5 * sample as f64, 0.0, 0.0, 0.0));
         controller
             .step(&Measurement::of(pose), sample as f64 * DT_S)
@@ -81,17 +50,14 @@ fn assert_told(name: &str, origins: &[Origin]) {
 
 #[test]
 fn late_steps_at_horizon_100_take_the_shifted_plan_and_say_so() {
-    let asleep = Arc::new(AtomicBool::new(false));
+    let switch = Switch::default();
     let linear = LinearConfiguration {
         horizon: 100,
         survival: within(DEADLINE),
         ..LinearConfiguration::default()
     };
-    let mut ltv = LtvController::with_solver(needle(), path(needle(), HELIX, 300), linear, |p| {
-        Sleepy::new(p, &asleep)
-    })
-    .unwrap();
-    assert_told("time-varying", &origins(&mut ltv, &asleep));
+    let mut ltv = faulty_solver::ltv(needle(), path(needle(), HELIX, 300), linear, &switch);
+    assert_told("time-varying", &origins(&mut ltv, &switch));
     let scene = Scene::default();
     let nonlinear = NmpcConfiguration {
         horizon: 100,
@@ -99,11 +65,8 @@ fn late_steps_at_horizon_100_take_the_shifted_plan_and_say_so() {
         survival: within(DEADLINE),
         ..NmpcConfiguration::default()
     };
-    let mut nmpc = NmpcController::with_solver(scene.model, scene.path(), nonlinear, |p| {
-        Sleepy::new(p, &asleep)
-    })
-    .unwrap();
-    assert_told("nonlinear", &origins(&mut nmpc, &asleep));
+    let mut nmpc = faulty_solver::nmpc(scene.model, scene.path(), nonlinear, &switch);
+    assert_told("nonlinear", &origins(&mut nmpc, &switch));
 }
 
 /// Checks that steps beyond the deadline are not applied; returns the least overrun of twenty steps.

@@ -1,63 +1,16 @@
 //! What interrupts an insertion: solvers that fail in any way, clocks set forward, ends of the path, and a first measurement from elsewhere.
 
+use crate::faulty_solver::{self, Fault, Switch};
+use crate::linear::needle;
 use crate::scene::DT_S;
-use crate::survival::{all, helix, inside, on_time};
-use mpc_qp::{
-    Blame, InfeasibilityCertificate, OcpQp, OcpSolver, Solution, SolveError, SolveStatus,
-    SolverSettings, Start, StructuredSolver,
-};
+use crate::survival::{helix, inside, on_time, predictive};
+use mpc_qp::SolveStatus;
 use nalgebra::Vector3;
 use needle_control::{
-    Controller, LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController,
-    Origin, StopReason,
+    Controller, Convergence, LinearConfiguration, Measurement, NmpcConfiguration, Origin,
+    StopReason,
 };
 use needle_model::{Input, Pose};
-use std::sync::{Arc, Mutex};
-
-/// How a solve goes wrong: with a status, or with an error where there is none.
-type Fault = Option<SolveStatus>;
-
-/// The fault of the next solves, none at first.
-type Switch = Arc<Mutex<Option<Fault>>>;
-
-/// Answers as it is told, with the numbers of a good solver.
-#[derive(Debug, Clone)]
-struct Faulty<const NX: usize> {
-    solver: StructuredSolver<NX, 2>,
-    fault: Switch,
-}
-
-impl<const NX: usize> Faulty<NX> {
-    fn new(problem: &OcpQp<NX, 2>, fault: &Switch) -> Result<Self, SolveError> {
-        Ok(Self {
-            solver: StructuredSolver::new(problem, SolverSettings::default())?,
-            fault: Arc::clone(fault),
-        })
-    }
-}
-
-impl<const NX: usize> OcpSolver<NX, 2> for Faulty<NX> {
-    fn solve(
-        &mut self,
-        problem: &OcpQp<NX, 2>,
-        start: Start,
-        solution: &mut Solution<NX, 2>,
-    ) -> Result<(), SolveError> {
-        self.solver.solve(problem, start, solution)?;
-        match *self.fault.lock().unwrap() {
-            None => {}
-            Some(Some(status)) => solution.status = status,
-            Some(None) => {
-                return Err(SolveError::Setting {
-                    field: "none",
-                    expected: "no fault",
-                    found: 1.0,
-                });
-            }
-        }
-        Ok(())
-    }
-}
 
 /// Drives through a fault in the samples 3 to 6, and one of 12 samples from 20 on, longer than plans are kept.
 fn assert_survives(name: &str, controller: &mut impl Controller, fault: Fault, switch: &Switch) {
@@ -72,7 +25,7 @@ fn assert_survives(name: &str, controller: &mut impl Controller, fault: Fault, s
             20..32 => step - 19,
             _ => 0,
         };
-        *switch.lock().unwrap() = (age > 0).then_some(fault);
+        switch.set((age > 0).then_some(fault));
         let decided = controller.step(&Measurement::of(path.poses()[step]), on_time(step));
         let (input, origin) = (decided.input, decided.origin);
         let what = format!("{name}, {fault:?}, step {step}: {input:?}, {origin:?}");
@@ -95,54 +48,53 @@ fn assert_survives(name: &str, controller: &mut impl Controller, fault: Fault, s
 
 #[test]
 fn every_end_of_a_solve_without_an_answer_is_bridged_and_recovered_from() {
-    let infeasible = SolveStatus::PrimalInfeasible {
-        certificate: InfeasibilityCertificate {
-            residual: 0.0,
-            sign_violation: 0.0,
-        },
-        blame: Blame::default(),
-    };
     let faults = [
-        Some(infeasible),
-        Some(SolveStatus::DualInfeasible),
-        Some(SolveStatus::IterationLimit),
-        Some(SolveStatus::TimeLimit),
-        Some(SolveStatus::NumericalTrouble),
-        None,
+        faulty_solver::infeasible(),
+        Fault::Status(SolveStatus::DualInfeasible),
+        Fault::Status(SolveStatus::IterationLimit),
+        Fault::Status(SolveStatus::TimeLimit),
+        Fault::Status(SolveStatus::NumericalTrouble),
+        Fault::Error,
     ];
     let switch = Switch::default();
-    let needle = crate::linear::needle();
     for fault in faults {
-        *switch.lock().unwrap() = None;
+        switch.set(None);
         let (linear, nonlinear) = (LinearConfiguration::default(), NmpcConfiguration::default());
-        let mut ltv =
-            LtvController::with_solver(needle, helix(100), linear, |p| Faulty::new(p, &switch))
-                .unwrap();
+        let mut ltv = faulty_solver::ltv(needle(), helix(100), linear, &switch);
         assert_survives("time-varying", &mut ltv, fault, &switch);
-        let mut nmpc =
-            NmpcController::with_solver(needle, helix(100), nonlinear, |p| Faulty::new(p, &switch))
-                .unwrap();
+        let mut nmpc = faulty_solver::nmpc(needle(), helix(100), nonlinear, &switch);
         assert_survives("nonlinear", &mut nmpc, fault, &switch);
     }
 }
 
 #[test]
-fn shifted_plan_predicts_the_poses_of_the_plan_it_is_from() {
+fn shifted_plan_has_the_poses_and_the_inputs_of_the_plan_it_is_from() {
     let switch = Switch::default();
-    let mut nmpc = NmpcController::with_solver(
-        crate::linear::needle(),
-        helix(100),
-        NmpcConfiguration::default(),
-        |p| Faulty::new(p, &switch),
-    )
-    .unwrap();
+    let solved = NmpcConfiguration {
+        convergence: Convergence::Full {
+            tolerance: 1e-9,
+            max_iterations: 50,
+        },
+        start_iterations: 50,
+        damping: 0.0,
+        ..NmpcConfiguration::default()
+    };
+    let mut nmpc = faulty_solver::nmpc(needle(), helix(100), solved, &switch);
     let start = Measurement::of(Pose::identity());
-    let planned = nmpc.step(&start, 0.0).predicted.to_vec();
-    *switch.lock().unwrap() = Some(Some(SolveStatus::NumericalTrouble));
+    let decided = nmpc.step(&start, 0.0);
+    let planned = decided.predicted.to_vec();
+    let mut pose = needle()
+        .step(&Pose::identity(), decided.input, DT_S)
+        .unwrap();
+    switch.set(Some(Fault::Status(SolveStatus::NumericalTrouble)));
     for age in 1..4 {
         let decided = nmpc.step(&start, on_time(age));
         assert_eq!(decided.origin, Origin::ShiftedPlan { age });
         assert_eq!(decided.predicted, &planned[age..]);
+        pose = needle().step(&pose, decided.input, DT_S).unwrap();
+        // The plan is solved to steps of 1e-9.
+        let gap = pose.error_from(&planned[age + 1]).norm();
+        assert!(gap < 1e-6, "age {age}: {gap}");
     }
 }
 
@@ -154,7 +106,7 @@ fn end_once_reached_stays_reached() {
         position_mm: end.position_mm - end.tangent() * 3.0,
         ..end
     };
-    for (name, mut controller) in all(&path) {
+    for (name, mut controller) in predictive(&path) {
         for step in 0..30 {
             controller.step(&Measurement::of(path.poses()[step]), on_time(step));
         }
@@ -170,7 +122,7 @@ fn end_once_reached_stays_reached() {
 
 #[test]
 fn time_that_is_over_short_of_the_end_is_no_end_of_the_path() {
-    for (name, mut controller) in all(&helix(30)) {
+    for (name, mut controller) in predictive(&helix(30)) {
         let mut origin = Origin::Optimal;
         for step in 0..60 {
             let stuck = Measurement::of(Pose::identity());
@@ -186,7 +138,7 @@ fn time_that_is_over_short_of_the_end_is_no_end_of_the_path() {
 #[test]
 fn clock_set_forward_by_a_minute_does_not_end_the_insertion() {
     let path = helix(100);
-    for (name, mut controller) in all(&path) {
+    for (name, mut controller) in predictive(&path) {
         for step in 0..40 {
             let late_s = if step < 20 { 0.0 } else { 60.0 };
             let pose = path.poses()[step];
@@ -207,7 +159,7 @@ fn first_measurement_far_from_the_start_of_the_path_is_an_outlier() {
         position_mm: Vector3::new(100.0, 0.0, 0.0),
         ..Pose::identity()
     };
-    for (name, mut controller) in all(&helix(100)) {
+    for (name, mut controller) in predictive(&helix(100)) {
         let first = controller.step(&Measurement::of(far), 0.0);
         let reason = StopReason::NoMeasurement;
         assert_eq!(first.origin, Origin::Stop { reason }, "{name}");

@@ -2,6 +2,7 @@
 
 use crate::scene::{CURVATURE_PER_MM, DT_S, Scene};
 use crate::stability::LinearPlant;
+use faer::Mat;
 use mpc_qp::{ClarabelSolver, SolverSettings};
 use nalgebra::Vector6;
 use needle_control::{
@@ -71,21 +72,17 @@ fn zero_error_returns_the_reference_input() {
     );
 }
 
-/// First input deviation of an unconstrained controller against the gain of its own Riccati solution, for both horizons.
-#[test]
-fn unconstrained_mpc_equals_lqr() {
-    use faer::Mat;
+/// Input of the LQR of the error system `a, b` with the default weights of the `coordinates`, from an error at rest.
+fn lqr_input(a: Mat<f64>, b: Mat<f64>, coordinates: &[usize], xi: &Vector6<f64>) -> Input {
     let weights = LinearConfiguration::default().weights;
-    let jacobians = needle().linearise(HELIX, DT_S).unwrap();
-    let a = Mat::from_fn(6, 6, |i, j| jacobians.a[(i, j)]);
-    let b = Mat::from_fn(6, 2, |i, j| jacobians.b[(i, j)]);
     let diagonal = |values: &[f64]| {
         Mat::from_fn(values.len(), values.len(), |i, j| {
             if i == j { values[i] } else { 0.0 }
         })
     };
+    let error: Vec<f64> = coordinates.iter().map(|&i| weights.error[i]).collect();
     let (q, r, r_rate) = (
-        diagonal(&weights.error),
+        diagonal(&error),
         diagonal(&[weights.v, weights.omega]),
         diagonal(&[weights.v_change, weights.omega_change]),
     );
@@ -105,95 +102,167 @@ fn unconstrained_mpc_equals_lqr() {
     )
     .with_cross(augmented.s.as_ref());
     let gain = dare.solve().unwrap().k;
-    let xi = Vector6::new(0.02, -0.01, 0.03, 0.001, -0.002, 0.004);
-    // At rest before the first step: the deviation applied last is minus the reference input.
-    let state = [
-        xi[0],
-        xi[1],
-        xi[2],
-        xi[3],
-        xi[4],
-        xi[5],
-        -HELIX.v_mm_s,
-        -HELIX.omega_rad_s,
-    ];
-    let law: Vec<f64> = (0..2)
-        .map(|i| (0..8).map(|j| gain[(i, j)] * state[j]).sum())
-        .collect();
-    for horizon in [5, 20] {
-        let configuration = LinearConfiguration {
-            horizon,
-            limits: wide(),
-            ..configuration(TerminalChoice::HelixDare)
-        };
-        let mut controller =
-            LtvController::new(needle(), path(needle(), HELIX, 2_000), configuration).unwrap();
-        let input = controller
-            .step(&Measurement::of(Pose::identity().perturbed(&xi)), 0.0)
-            .input;
-        // du = K x with u_prev = 0, so du is the input. The solver's tolerance is 1e-8 of entries near 5.
-        assert!(
-            (input.v_mm_s - law[0]).abs() < 1e-6,
-            "{horizon}: {input:?} {law:?}"
-        );
-        assert!(
-            (input.omega_rad_s - law[1]).abs() < 1e-6,
-            "{horizon}: {input:?} {law:?}"
-        );
+    // The deviation applied last is minus the reference's input.
+    let last = [-HELIX.v_mm_s, -HELIX.omega_rad_s];
+    let state: Vec<f64> = coordinates.iter().map(|&i| xi[i]).chain(last).collect();
+    // The gain's change of the deviation from minus the reference's input is the input itself.
+    let [v_mm_s, omega_rad_s] =
+        [0, 1].map(|i| (0..state.len()).map(|j| gain[(i, j)] * state[j]).sum());
+    Input {
+        v_mm_s,
+        omega_rad_s,
     }
+}
+
+/// The solver's tolerance is 1e-8 of entries near 5.
+fn assert_equal(input: Input, law: Input, what: &str) {
+    assert!(
+        (input.v_mm_s - law.v_mm_s).abs() < 1e-6
+            && (input.omega_rad_s - law.omega_rad_s).abs() < 1e-6,
+        "{what}: {input:?} {law:?}"
+    );
+}
+
+#[test]
+fn unconstrained_mpc_equals_lqr() {
+    let jacobians = needle().linearise(HELIX, DT_S).unwrap();
+    let a = Mat::from_fn(6, 6, |i, j| jacobians.a[(i, j)]);
+    let b = Mat::from_fn(6, 2, |i, j| jacobians.b[(i, j)]);
+    let xi = Vector6::new(0.02, -0.01, 0.03, 0.001, -0.002, 0.004);
+    let law = lqr_input(a, b, &[0, 1, 2, 3, 4, 5], &xi);
+    let measured = Measurement::of(Pose::identity().perturbed(&xi));
+    for horizon in [5, 20] {
+        let mut controller = LtvController::new(
+            needle(),
+            path(needle(), HELIX, 2_000),
+            LinearConfiguration {
+                horizon,
+                limits: wide(),
+                ..configuration(TerminalChoice::HelixDare)
+            },
+        )
+        .unwrap();
+        let input = controller.step(&measured, 0.0).input;
+        assert_equal(input, law, &format!("N = {horizon}"));
+    }
+}
+
+#[test]
+fn unconstrained_mpc_of_a_straight_needle_equals_lqr() {
+    // x+ = x + dt u.
+    let (a, b) = (Mat::identity(2, 2), DT_S * Mat::<f64>::identity(2, 2));
+    let xi = Vector6::new(0.0, 0.0, -0.7, 0.0, 0.0, 0.4);
+    let law = lqr_input(a, b, &[2, 5], &xi);
+    let straight = Needle::new(0.0).unwrap();
+    let measured = Measurement::of(Pose::identity().perturbed(&xi));
+    for horizon in [5, 20] {
+        let mut controller = StraightController::new(
+            straight,
+            path(straight, HELIX, 200),
+            LinearConfiguration {
+                horizon,
+                limits: wide(),
+                ..configuration(TerminalChoice::HelixDare)
+            },
+        )
+        .unwrap();
+        let input = controller.step(&measured, 0.0).input;
+        assert_equal(input, law, &format!("N = {horizon}"));
+    }
+}
+
+/// The path and a controller's measurements seen from another world frame.
+pub(crate) fn world() -> Pose {
+    Pose::exp(&Vector6::new(30.0, -20.0, 10.0, 1.0, -2.0, 0.5))
+}
+
+/// The path in [`world`].
+pub(crate) fn moved(original: &ReferencePath) -> ReferencePath {
+    let poses = original.poses().iter().map(|pose| world().compose(pose));
+    ReferencePath::from_samples(poses.collect(), original.inputs().to_vec(), DT_S).unwrap()
+}
+
+/// Drives the first controller and asks the second for the same; returns the largest difference of inputs, mm/s and rad/s alike.
+pub(crate) fn largest_difference(
+    controllers: [&mut dyn Controller; 2],
+    needle: Needle,
+    start: Pose,
+    steps: usize,
+) -> f64 {
+    largest_difference_seen_from(&Pose::identity(), controllers, needle, start, steps)
+}
+
+/// As [`largest_difference`], where the second controller lives in the moved [`world`].
+pub(crate) fn largest_difference_under_a_move(
+    controllers: [&mut dyn Controller; 2],
+    needle: Needle,
+    start: Pose,
+    steps: usize,
+) -> f64 {
+    largest_difference_seen_from(&world(), controllers, needle, start, steps)
+}
+
+fn largest_difference_seen_from(
+    view: &Pose,
+    [here, there]: [&mut dyn Controller; 2],
+    needle: Needle,
+    mut pose: Pose,
+    steps: usize,
+) -> f64 {
+    let mut largest = 0.0_f64;
+    for step in 0..steps {
+        let time_s = step as f64 * DT_S;
+        let input = here.step(&Measurement::of(pose), time_s).input;
+        let seen = Measurement::of(view.compose(&pose));
+        let same = there.step(&seen, time_s).input;
+        largest = largest
+            .max((input.v_mm_s - same.v_mm_s).abs())
+            .max((input.omega_rad_s - same.omega_rad_s).abs());
+        pose = needle.step(&pose, input, DT_S).unwrap();
+    }
+    largest
 }
 
 #[test]
 fn moving_the_world_changes_no_input() {
-    let world = Pose::exp(&Vector6::new(30.0, -20.0, 10.0, 1.0, -2.0, 0.5));
     let start = Pose::exp(&Vector6::new(0.3, -0.2, 0.1, 0.02, -0.01, 0.3));
+    let certified = configuration(TerminalChoice::HelixDare);
     let original = path(needle(), HELIX, 300);
-    let poses = original
-        .poses()
-        .iter()
-        .map(|pose| world.compose(pose))
-        .collect();
-    let moved = ReferencePath::from_samples(poses, original.inputs().to_vec(), DT_S).unwrap();
-    let configuration = configuration(TerminalChoice::HelixDare);
-    let mut here = LtvController::new(needle(), original, configuration.clone()).unwrap();
-    let mut there = LtvController::new(needle(), moved, configuration).unwrap();
-    let mut pose = start;
-    for step in 0..50 {
-        let time_s = step as f64 * DT_S;
-        let input = here.step(&Measurement::of(pose), time_s).input;
-        let same = there
-            .step(&Measurement::of(world.compose(&pose)), time_s)
-            .input;
-        // Rounding of 40 mm coordinates, 1e-14, through the solver's tolerance of 1e-8.
-        assert!(
-            (input.v_mm_s - same.v_mm_s).abs() < 1e-6
-                && (input.omega_rad_s - same.omega_rad_s).abs() < 1e-6,
-            "{step}"
-        );
-        pose = needle().step(&pose, input, DT_S).unwrap();
-    }
+    let ltv = |path| LtvController::new(needle(), path, certified.clone()).unwrap();
+    let (mut here, mut there) = (ltv(original.clone()), ltv(moved(&original)));
+    let bent = largest_difference_under_a_move([&mut here, &mut there], needle(), start, 50);
+    let straight = Needle::new(0.0).unwrap();
+    let original = path(straight, HELIX, 300);
+    let line = |path| StraightController::new(straight, path, certified.clone()).unwrap();
+    let (mut here, mut there) = (line(original.clone()), line(moved(&original)));
+    let unbent = largest_difference_under_a_move([&mut here, &mut there], straight, start, 50);
+    // Rounding of 40 mm coordinates, 1e-14, through the solver's tolerance of 1e-8.
+    assert!(bent < 1e-6 && unbent < 1e-6, "{bent} {unbent}");
 }
 
 #[test]
 fn both_solvers_give_the_same_input() {
-    let path = path(needle(), HELIX, 500);
-    let configuration = configuration(TerminalChoice::HelixDare);
-    let mut structured = LtvController::new(needle(), path.clone(), configuration.clone()).unwrap();
-    let mut clarabel = LtvController::with_solver(needle(), path, configuration, |problem| {
-        ClarabelSolver::new(problem, SolverSettings::default())
+    let settings = SolverSettings::default();
+    let default = LinearConfiguration::default();
+    let helix = path(needle(), HELIX, 500);
+    let mut structured = LtvController::new(needle(), helix.clone(), default.clone()).unwrap();
+    let mut clarabel = LtvController::with_solver(needle(), helix, default.clone(), |problem| {
+        ClarabelSolver::new(problem, settings)
     })
     .unwrap();
-    let mut pose = Pose::exp(&Vector6::new(0.4, -0.3, 0.2, 0.02, -0.01, 0.3));
-    for step in 0..40 {
-        let time_s = step as f64 * DT_S;
-        let input = structured.step(&Measurement::of(pose), time_s).input;
-        let other = clarabel.step(&Measurement::of(pose), time_s).input;
-        let difference = (input.v_mm_s - other.v_mm_s)
-            .abs()
-            .max((input.omega_rad_s - other.omega_rad_s).abs());
-        assert!(difference < 1e-5, "step {step}: {input:?} {other:?}");
-        pose = needle().step(&pose, input, DT_S).unwrap();
-    }
+    let start = Pose::exp(&Vector6::new(0.4, -0.3, 0.2, 0.02, -0.01, 0.3));
+    let bent = largest_difference([&mut structured, &mut clarabel], needle(), start, 40);
+    let straight = Needle::new(0.0).unwrap();
+    let line = path(straight, HELIX, 500);
+    let mut structured = StraightController::new(straight, line.clone(), default.clone()).unwrap();
+    let mut clarabel = StraightController::with_solver(straight, line, default, |problem| {
+        ClarabelSolver::new(problem, settings)
+    })
+    .unwrap();
+    let start = Pose::exp(&Vector6::new(0.0, 0.0, 1.0, 0.0, 0.0, 0.5));
+    let unbent = largest_difference([&mut structured, &mut clarabel], straight, start, 40);
+    // Measured: 7e-10 and 5e-10.
+    assert!(bent < 1e-5 && unbent < 1e-5, "{bent} {unbent}");
 }
 
 #[test]

@@ -7,6 +7,9 @@
 
 mod closed_loop;
 mod deadline;
+#[path = "../deviates/mod.rs"]
+mod deviates;
+mod faulty_solver;
 mod interruptions;
 mod linear;
 mod memory;
@@ -14,6 +17,7 @@ mod near_full_bend;
 mod nonlinear;
 mod nonlinear_terminal;
 mod reconstruction;
+mod recovery;
 mod refusals;
 mod scene;
 mod stability;

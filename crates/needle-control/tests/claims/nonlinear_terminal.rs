@@ -1,7 +1,8 @@
 //! Terminal ingredients of the nonlinear controller: what they claim, where they cannot be had, and the closed loop under them.
 
+use crate::deviates::Deviates;
 use crate::linear::{HELIX, needle, path};
-use crate::scene::{DT_S, Noise, Scene};
+use crate::scene::{DT_S, Scene};
 use nalgebra::Vector6;
 use needle_control::{
     ConfigurationError, Controller, Convergence, Measurement, NmpcConfiguration, NmpcController,
@@ -161,11 +162,11 @@ fn cost_of_the_needle_itself_falls_by_the_stage_cost() {
         certified(TerminalChoice::HelixDare),
     )
     .unwrap();
-    let mut noise = Noise(29);
+    let mut noise = Deviates::seeded(29);
     let size = Vector6::new(0.3, 0.3, 0.5, 0.03, 0.03, 0.4);
     let feasible = (0..16)
         .filter(|_| {
-            let xi = size.map(|s| s * (2.0 * noise.uniform() - 1.0));
+            let xi = size.map(|s| s * noise.either_way());
             descends(&mut controller, &reference, xi)
         })
         .count();

@@ -1,5 +1,6 @@
 //! A path of constant curvature and torsion as a curve, a plant at half steps, and the distance to the path.
 
+use crate::deviates::Deviates;
 use nalgebra::{Vector3, Vector6};
 use needle_control::{Controller, Measurement};
 use needle_model::{Needle, Pose, ReferencePath};
@@ -64,33 +65,15 @@ impl Scene {
     }
 }
 
-/// A sequence of normal deviates that needs no dependency: twelve uniform ones added up.
-pub(crate) struct Noise(pub(crate) u64);
-
-impl Noise {
-    pub(crate) fn uniform(&mut self) -> f64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    pub(crate) fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
-    }
-}
-
 /// Runs a controller to the end of the path.
 pub(crate) fn run(controller: &mut impl Controller, scene: &Scene) -> Score {
     let plant = Needle::new(CURVATURE_PER_MM * scene.plant_curvature_factor).unwrap();
-    let (mut pose, mut noise) = (scene.start, Noise(0x9e37_79b9_7f4a_7c15));
+    let (mut pose, mut noise) = (scene.start, Deviates::seeded(1));
     let steps = (LENGTH_MM / (SPEED_MM_S * DT_S)).round() as usize;
     let (mut squares, mut count, mut max_mm, mut turned_rad) = (0.0, 0.0, 0.0_f64, 0.0);
     for step in 0..steps {
         let mut measured = pose;
-        for i in 0..3 {
-            measured.position_mm[i] += scene.noise_mm * noise.normal();
-        }
+        measured.position_mm += noise.normals() * scene.noise_mm;
         let input = controller
             .step(&Measurement::of(measured), step as f64 * DT_S)
             .input;

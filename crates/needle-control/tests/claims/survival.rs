@@ -1,10 +1,13 @@
 //! Whatever happens, an input inside the limits comes back, rates included, with its origin told.
 
-use crate::scene::{CURVATURE_PER_MM, DT_S, Noise, Scene};
+use crate::deviates::Deviates;
+use crate::scene::{CURVATURE_PER_MM, DT_S, Scene};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3, Vector6};
 use needle_control::{
-    Controller, InputLimits, LinearConfiguration, LtvController, Measurement, NmpcConfiguration,
-    NmpcController, Origin, StopReason, StraightController, Survival, Tracking,
+    BaselineSettings, Controller, DutyCycledGains, DutyCycledSteering, FeedForward, InputLimits,
+    LawController, LinearConfiguration, LqrWeights, LtvController, Measurement, NmpcConfiguration,
+    NmpcController, Origin, PidGains, SlidingMode, SlidingModeGains, SteeringLaw, SteeringPid,
+    StopReason, StraightController, Survival, TimeVaryingLqr, Tracking,
 };
 use needle_model::{Input, Needle, Pose, ReferencePath};
 use proptest::prelude::*;
@@ -24,8 +27,8 @@ pub(crate) fn helix(steps: usize) -> ReferencePath {
     .unwrap()
 }
 
-/// Every controller of this kind on a path.
-pub(crate) fn all(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controller>)> {
+/// The predictive controllers on a path.
+pub(crate) fn predictive(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controller>)> {
     let needle = Needle::new(CURVATURE_PER_MM).unwrap();
     let progress = NmpcConfiguration {
         tracking: Tracking::Progress,
@@ -60,6 +63,44 @@ pub(crate) fn all(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controller
             ),
         ),
     ]
+}
+
+/// The explicit laws on a path; a path without finite gains has no LQR.
+pub(crate) fn laws(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controller>)> {
+    fn of(path: &ReferencePath, law: impl SteeringLaw + 'static) -> Box<dyn Controller> {
+        let (needle, settings) = (crate::linear::needle(), BaselineSettings::default());
+        Box::new(LawController::new(path.clone(), needle, law, settings).unwrap())
+    }
+    let lqr = TimeVaryingLqr::new(path, crate::linear::needle(), LqrWeights::default());
+    [
+        (
+            "pid",
+            of(path, SteeringPid::new(PidGains::default()).unwrap()),
+        ),
+        (
+            "sliding mode",
+            of(path, SlidingMode::new(SlidingModeGains::default()).unwrap()),
+        ),
+        (
+            "duty-cycled",
+            of(
+                path,
+                DutyCycledSteering::new(DutyCycledGains::default()).unwrap(),
+            ),
+        ),
+    ]
+    .into_iter()
+    .chain(lqr.ok().map(|lqr| ("lqr", of(path, lqr))))
+    .collect()
+}
+
+/// Every controller on a path.
+fn all(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controller>)> {
+    let replay = FeedForward::new(path.clone(), BaselineSettings::default()).unwrap();
+    let mut all = predictive(path);
+    all.extend(laws(path));
+    all.push(("feed-forward", Box::new(replay)));
+    all
 }
 
 /// Checks boxes exactly and rates over the shorter of the elapsed time and the nominal step, up to rounding.
@@ -154,7 +195,7 @@ fn outliers_gaps_and_poses_beyond_the_chart_are_survived() {
 
 #[test]
 fn clocks_that_jump_stand_still_or_jitter_are_survived() {
-    let mut noise = Noise(5);
+    let mut noise = Deviates::seeded(5);
     run_all(&helix(100), 80, |step, pose| {
         let jitter = DT_S * (noise.uniform() - 0.5);
         let time_s = match step {
@@ -198,7 +239,7 @@ fn paths_of_one_point_with_a_kink_too_bent_or_very_long_are_survived() {
 
 #[test]
 fn gap_is_bridged_by_the_shifted_plan_and_then_stopped() {
-    for (name, mut controller) in all(&helix(100)) {
+    for (name, mut controller) in predictive(&helix(100)) {
         controller.step(&Measurement::of(Pose::identity()), 0.0);
         for age in 1..=10 {
             let origin = controller

@@ -24,6 +24,9 @@ pub enum Reference {
         curvature_factor: f64,
         /// The inputs.
         segments: Vec<InputSegment>,
+        /// Whether the controller gets the path as its own needle can execute it, found through the path's positions. Distances
+        /// stay those to the path.
+        reconstructed: bool,
     },
     /// The paper's bevel-tip recipe, executed exactly.
     PaperBevel,
@@ -98,6 +101,7 @@ impl Reference {
             0 => Self::Inputs {
                 curvature_factor: 1.0,
                 segments: Vec::new(),
+                reconstructed: false,
             },
             1 => Self::PaperBevel,
             2 => Self::PaperEuler,
@@ -133,6 +137,7 @@ impl Reference {
             Self::Inputs {
                 curvature_factor,
                 segments,
+                reconstructed,
             } => {
                 let about = "curvature of the needle that makes the path, as a multiple of needle.curvature_per_mm";
                 keys.number(
@@ -141,6 +146,8 @@ impl Reference {
                     Allowed::From(0.0, 100.0),
                     about,
                 );
+                let about = "hand the controller what its own needle executes along the path's positions; distances stay those to the path";
+                keys.flag("reconstructed", reconstructed, about);
                 keys.rows(
                     "segments",
                     "inputs, each held for some time; at least one",

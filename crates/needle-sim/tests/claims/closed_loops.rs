@@ -1,6 +1,7 @@
 //! The loop: a run is a function of seed and index, the plant is exact and its own, every controller can be named.
 
 use crate::scenario_files::{SOUND, preset};
+use needle_model::{Needle, ReferencePath};
 use needle_sim::record::{OriginRecord, RunSummary};
 use needle_sim::scenario::Document;
 use needle_sim::{Experiment, Scenario, run};
@@ -272,4 +273,25 @@ fn the_published_program_refuses_another_needle_and_another_sample_time() {
         let cause = std::error::Error::source(&error).unwrap().to_string();
         assert!(cause.starts_with(key), "{cause}");
     }
+}
+
+#[test]
+fn a_reconstructed_curve_is_executed_by_the_needle_and_judged_by_the_curve() {
+    let scenario = with(
+        HELIX,
+        &[
+            ("reference.curvature_factor", 0.5.into()),
+            ("reference.segments.0.omega_rad_s", 0.05.into()),
+            ("reference.reconstructed", true.into()),
+        ],
+    );
+    let experiment = Experiment::new(&scenario).unwrap();
+    let needle = Needle::new(scenario.curvature_per_mm).unwrap();
+    let defect = |path: &ReferencePath| path.largest_defect(needle).unwrap().unwrap().1.norm();
+    // Executed by construction; the curve itself bends by 0.0017 rad a sample less than the needle.
+    assert!(defect(experiment.steered_path()) < 1e-9);
+    assert!(defect(experiment.path()) > 1e-3);
+    // The spinning needle winds about the curve by some hundredths of a millimetre.
+    let rms_mm = experiment.summarise(0).unwrap().rms_mm.unwrap();
+    assert!(rms_mm > 1e-3 && rms_mm < 0.06, "{rms_mm}");
 }
