@@ -43,7 +43,7 @@ impl<const NX: usize, const NU: usize> Phase for Descend<'_, NX, NU> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> f64 {
         let Self(newton, penalty) = self;
-        newton.roll(lanes);
+        newton.roll(lanes, false);
         let (first, second) = newton.cost_along(lanes);
         let slope = |newton: &mut Newton<NX, NU>, alpha: f64| {
             let mut sum = first + alpha * second;
@@ -193,7 +193,10 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             channel.omega = 1.0;
             channel.center(0.0);
         }
-        run(SolveAbsolute(&mut self.newton));
+        run(SolveAbsolute {
+            newton: &mut self.newton,
+            clipped: false,
+        });
         self.drop_multipliers();
     }
 

@@ -27,6 +27,10 @@ pub(super) struct Channel {
     pub(super) dv: Vec<[f64; 4]>,
     /// Curvature added to each.
     pub(super) weight: Vec<[f64; 4]>,
+    /// Curvature before the last `hold_active`.
+    pub(super) last_weight: Vec<[f64; 4]>,
+    /// How many of the first values that changed for, at most.
+    pub(super) reweighted: usize,
     /// Gradient added to each.
     pub(super) force: Vec<[f64; 4]>,
     /// Lower and upper side.
@@ -66,6 +70,8 @@ impl Channel {
             v: zeros.clone(),
             dv: zeros.clone(),
             weight: zeros.clone(),
+            last_weight: zeros.clone(),
+            reweighted: 0,
             force: zeros.clone(),
             kept_v: zeros,
             kept: [vec![Lane::OFF; lanes], vec![Lane::OFF; lanes]],
@@ -88,6 +94,7 @@ impl Channel {
     pub(super) fn clear(&mut self, price: Price) {
         self.fixed.clear();
         self.price = price;
+        self.reweighted = 0;
         for side in 0..2 {
             if self.used[side] {
                 self.sides[side].fill(Lane::OFF);
