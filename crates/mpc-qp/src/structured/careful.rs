@@ -26,6 +26,12 @@ const NEWTON_STEPS: usize = 60;
 /// Proximal steps of the elastic problem.
 const ELASTIC_STEPS: usize = 8;
 
+/// Gradient of the proximal term that is no longer a correction: inputs that moved by 1e4 and more.
+const FAR: f64 = 1e-5;
+
+/// Steps in a row that may go that far.
+const FAR_STEPS: usize = 4;
+
 /// Squared length, in the Hessian's norm, of a Newton step that no longer matters.
 const LEAST_DECREMENT: f64 = 1e-22;
 
@@ -257,7 +263,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             return status;
         }
         let tolerance = self.settings.tolerance;
-        let (mut omega, mut before) = (10.0, f64::INFINITY);
+        let (mut omega, mut before, mut far) = (10.0, f64::INFINITY, 0);
         self.newton.set_cost(problem, PROXIMAL, false);
         loop {
             let penalty = Penalty {
@@ -275,6 +281,11 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             }
             let residual = self.update_multipliers(penalty);
             let drift = self.newton.set_cost(problem, PROXIMAL, false);
+            // The cost falls without end along a direction that no constraint closes.
+            far = if drift > FAR { far + 1 } else { 0 };
+            if far >= FAR_STEPS {
+                return SolveStatus::NumericalTrouble;
+            }
             let exact = residual <= 0.1 * tolerance && drift <= 0.1 * tolerance;
             if exact || residual <= 1e-4 {
                 self.newton.set_cost(problem, 0.0, false);

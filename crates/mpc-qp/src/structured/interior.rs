@@ -150,7 +150,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             });
             let reach = run(Forward {
                 newton,
-                affine: false,
+                corrected: true,
             });
             let step = (STEP_FRACTION / reach.ratio.max(1e-300)).min(1.0);
             if !(step > 1e-12 && reach.product.is_finite()) {
@@ -196,7 +196,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             });
             let reach = run(Forward {
                 newton,
-                affine: true,
+                corrected: false,
             });
             let alpha = 1.0 / reach.ratio.max(1.0);
             let affine = (1.0 - alpha) * mu + alpha * alpha * reach.product / count.max(1.0);
@@ -207,7 +207,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             });
             let reach = run(Forward {
                 newton,
-                affine: false,
+                corrected: true,
             });
             let step = (STEP_FRACTION / reach.ratio.max(1e-300)).min(1.0);
             let before = mu;

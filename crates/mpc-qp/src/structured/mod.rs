@@ -28,6 +28,9 @@ mod sweeps;
 mod terms;
 mod write;
 
+#[cfg(test)]
+mod tests;
+
 use crate::error::SolveError;
 use crate::multipliers::TerminalSetMultipliers;
 use crate::problem::OcpQp;

@@ -108,8 +108,8 @@ impl<const NX: usize, const NU: usize> Phase for Backward<'_, NX, NU> {
 pub(super) struct Forward<'a, const NX: usize, const NU: usize> {
     /// The system.
     pub(super) newton: &'a mut Newton<NX, NU>,
-    /// Whether this is the predictor.
-    pub(super) affine: bool,
+    /// Whether this is the corrector, not the predictor.
+    pub(super) corrected: bool,
 }
 
 impl<const NX: usize, const NU: usize> Phase for Forward<'_, NX, NU> {
@@ -121,11 +121,7 @@ impl<const NX: usize, const NU: usize> Phase for Forward<'_, NX, NU> {
         let mut reach = Reach::FREE;
         for channel in newton.channels() {
             if channel.any() {
-                reach = reach.and(if self.affine {
-                    channel.predict(lanes)
-                } else {
-                    channel.aim(lanes)
-                });
+                reach = reach.and(channel.aim(lanes, self.corrected));
             }
         }
         if let Some(cone) = &mut newton.cone {
