@@ -5,45 +5,46 @@ use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{ClarabelSolver, OcpQp, OcpSolver, Solution, SolverSettings, Start, StructuredSolver};
 
+const FEASIBLE: &str = "every start is feasible by construction";
+
 /// Problems from 16 random starts, so that a median is over different active sets.
 fn problems(horizon: usize, cone: bool) -> Vec<OcpQp<6, 2>> {
     let tracking = Tracking::default();
     (0..16)
-        .filter_map(|seed| tracking.problem(Tracking::start(seed), horizon, cone).ok())
+        .map(|seed| tracking.problem(Tracking::start(seed), horizon, cone))
+        .map(|problem| problem.expect(FEASIBLE))
         .collect()
 }
 
 /// The states of a closed loop of 70 steps and the inputs applied before them.
 fn recorded_loop(horizon: usize, cone: bool) -> Vec<OcpQp<6, 2>> {
     let tracking = Tracking::default();
-    let mut x = Tracking::start(3);
-    let mut problems = Vec::new();
-    let Ok(mut problem) = tracking.problem(x, horizon, cone) else {
-        return problems;
-    };
-    let Ok(mut solver) = StructuredSolver::new(&problem, SolverSettings::default()) else {
-        return problems;
-    };
+    let mut problem = tracking
+        .problem(Tracking::start(3), horizon, cone)
+        .expect(FEASIBLE);
+    let mut solver = structured(&problem);
     let mut solution = Solution::new(&problem);
-    for step in 0..70 {
-        problems.push(problem.clone());
-        if solver.solve(&problem, Start::Cold, &mut solution).is_err() {
-            break;
-        }
-        let last = solution.u[0];
-        x = tracking.stage.successor(&x, &last) + Tracking::start(1000 + step) * 0.01;
-        if let Ok(next) = tracking.problem(x, horizon, cone) {
-            problem = next;
-        }
-        if problem.set_previous_input(&last).is_err() {
-            break;
-        }
-    }
-    problems
+    (0..70)
+        .map(|step| {
+            let recorded = problem.clone();
+            solver
+                .solve(&recorded, Start::Cold, &mut solution)
+                .expect("the solver was made for this structure");
+            let last = solution.u[0];
+            let x = tracking.stage.successor(recorded.initial_state(), &last)
+                + Tracking::start(1000 + step) * 0.01;
+            problem = tracking.problem(x, horizon, cone).expect(FEASIBLE);
+            problem.set_previous_input(&last).expect("finite inputs");
+            recorded
+        })
+        .collect()
+}
+
+fn structured(problem: &OcpQp<6, 2>) -> StructuredSolver<6, 2> {
+    StructuredSolver::new(problem, SolverSettings::default()).expect("default settings")
 }
 
 fn both(criterion: &mut Criterion) {
-    let settings = SolverSettings::default();
     for cone in [false, true] {
         let mut group = criterion.benchmark_group(if cone { "cone" } else { "no cone" });
         group.sample_size(20);
@@ -51,12 +52,9 @@ fn both(criterion: &mut Criterion) {
             let problems = problems(horizon, cone);
             let recorded = recorded_loop(horizon, cone);
             let mut solution = Solution::new(&problems[0]);
-            let (Ok(mut clarabel), Ok(mut structured)) = (
-                ClarabelSolver::new(&problems[0], settings),
-                StructuredSolver::new(&problems[0], settings),
-            ) else {
-                continue;
-            };
+            let mut clarabel = ClarabelSolver::new(&problems[0], SolverSettings::default())
+                .expect("default settings");
+            let mut structured = structured(&problems[0]);
             let mut turn = 0;
             group.bench_function(BenchmarkId::new("Clarabel refilled", horizon), |bencher| {
                 bencher.iter(|| {

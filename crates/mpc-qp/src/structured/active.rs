@@ -17,6 +17,8 @@ use super::soft::Price;
 pub(super) struct Verdict {
     /// Bounds whose place in the guess was wrong.
     pub(super) changes: usize,
+    /// Whether the ellipsoid's linearisation was too coarse.
+    pub(super) rough: bool,
     /// Largest distance of a held value from its bound.
     pub(super) distance: f64,
     /// Sum of multiplier times distance over the held values.
@@ -28,6 +30,7 @@ impl Verdict {
     pub(super) fn and(self, other: Self) -> Self {
         Self {
             changes: self.changes + other.changes,
+            rough: self.rough || other.rough,
             distance: larger(self.distance, other.distance),
             gap: self.gap + other.gap,
         }
@@ -35,11 +38,25 @@ impl Verdict {
 }
 
 /// Lane's place in the guess: outside, held at the bound, or beyond a soft bound.
-const OUTSIDE: f64 = 0.0;
-const HELD: f64 = 1.0;
+pub(super) const OUTSIDE: f64 = 0.0;
+pub(super) const HELD: f64 = 1.0;
 const BEYOND: f64 = 2.0;
+/// Outside, and met by the clipped feedback.
+pub(super) const MET: f64 = -1.0;
+
+/// Violation of a bound, relative to one and the bound, that may be rounding.
+pub(super) const ROUNDING: f64 = 1e-12;
 
 impl Channel {
+    /// Guesses that no bound is active.
+    pub(super) fn guess_nothing(&mut self) {
+        for side in (0..2).filter(|&side| self.used[side]) {
+            for lane in &mut self.sides[side] {
+                (lane.place, lane.z) = ([OUTSIDE; 4], [0.0; 4]);
+            }
+        }
+    }
+
     /// Guesses from the present values: a violated bound is held.
     pub(super) fn guess_from_values(&mut self) {
         for side in 0..2 {
@@ -83,6 +100,7 @@ impl Channel {
     /// Weights and forces of the guess.
     #[inline(always)]
     pub(super) fn hold_active<L: Lanes>(&mut self, lanes: L) {
+        std::mem::swap(&mut self.weight, &mut self.last_weight);
         self.weight.fill([0.0; 4]);
         self.force.fill([0.0; 4]);
         for side in 0..2 {
@@ -116,6 +134,9 @@ impl Channel {
             }
         }
         self.hold(true);
+        let mut weights = self.weight.iter().zip(&self.last_weight);
+        let last = weights.rposition(|(new, old)| new != old);
+        self.reweighted = last.map_or(0, |lane| 4 * (lane + 1));
     }
 
     /// Judges the guess after the step `dv`, corrects it, and moves the values.
@@ -174,13 +195,14 @@ fn settle_hard<L: Lanes>(
     for (lane, dv) in side.iter_mut().zip(dv) {
         for i in 0..4 {
             let after = lanes.fma1(sign, dv[i], lane.r[i]);
-            let z = lane.place[i] * lanes.fma1(omega, after, lane.z[i]);
-            distance[i] = larger(distance[i], lane.place[i] * after.abs());
+            let held = larger(lane.place[i], OUTSIDE);
+            let z = held * lanes.fma1(omega, after, lane.z[i]);
+            distance[i] = larger(distance[i], held * after.abs());
             // Rounding of the value itself must not call for a bound that holds with equality.
-            let violated = after > 1e-12 * (1.0 + lane.bound[i].abs());
-            let held = lane.place[i] == HELD;
-            let next = lane.on[i] * f64::from(u8::from(if held { z > 0.0 } else { violated }));
-            changes[i] += (next - lane.place[i]).abs();
+            let violated = after > ROUNDING * (1.0 + lane.bound[i].abs());
+            let met = violated || lane.place[i] == MET;
+            let next = lane.on[i] * f64::from(u8::from(if held == HELD { z > 0.0 } else { met }));
+            changes[i] += (next - held).abs();
             lane.place[i] = next;
             lane.z[i] = next * z;
             gap[i] = lanes.fma1(lane.z[i], after.abs(), gap[i]);
@@ -193,6 +215,7 @@ fn settle_hard<L: Lanes>(
             larger(distance[2], distance[3]),
         ),
         gap: (gap[0] + gap[1]) + (gap[2] + gap[3]),
+        ..Verdict::default()
     }
 }
 
@@ -255,5 +278,6 @@ fn settle_soft(lane: &mut Lane, i: usize, dv: f64, price: Price, omega: f64) -> 
         changes: usize::from(next != place),
         distance,
         gap: lane.z[i] * distance,
+        ..Verdict::default()
     }
 }

@@ -45,6 +45,16 @@ impl Lane {
         place: [0.0; 4],
         target: [0.0; 4],
     };
+
+    /// Bound i, infinite if absent.
+    #[inline(always)]
+    pub(super) fn limit(&self, i: usize) -> f64 {
+        if self.on[i] == 0.0 {
+            f64::INFINITY
+        } else {
+            self.bound[i]
+        }
+    }
 }
 
 /// What a direction allows: the largest relative decrease and the second-order product.

@@ -26,6 +26,12 @@ const NEWTON_STEPS: usize = 60;
 /// Proximal steps of the elastic problem.
 const ELASTIC_STEPS: usize = 8;
 
+/// Gradient of the proximal term that is no longer a correction: inputs that moved by 1e4 and more.
+const FAR: f64 = 1e-5;
+
+/// Steps in a row that may go that far.
+const FAR_STEPS: usize = 4;
+
 /// Squared length, in the Hessian's norm, of a Newton step that no longer matters.
 const LEAST_DECREMENT: f64 = 1e-22;
 
@@ -43,7 +49,7 @@ impl<const NX: usize, const NU: usize> Phase for Descend<'_, NX, NU> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> f64 {
         let Self(newton, penalty) = self;
-        newton.roll(lanes);
+        newton.roll(lanes, false);
         let (first, second) = newton.cost_along(lanes);
         let slope = |newton: &mut Newton<NX, NU>, alpha: f64| {
             let mut sum = first + alpha * second;
@@ -193,7 +199,10 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             channel.omega = 1.0;
             channel.center(0.0);
         }
-        run(SolveAbsolute(&mut self.newton));
+        run(SolveAbsolute {
+            newton: &mut self.newton,
+            clipped: false,
+        });
         self.drop_multipliers();
     }
 
@@ -254,7 +263,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             return status;
         }
         let tolerance = self.settings.tolerance;
-        let (mut omega, mut before) = (10.0, f64::INFINITY);
+        let (mut omega, mut before, mut far) = (10.0, f64::INFINITY, 0);
         self.newton.set_cost(problem, PROXIMAL, false);
         loop {
             let penalty = Penalty {
@@ -272,6 +281,11 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             }
             let residual = self.update_multipliers(penalty);
             let drift = self.newton.set_cost(problem, PROXIMAL, false);
+            // The cost falls without end along a direction that no constraint closes.
+            far = if drift > FAR { far + 1 } else { 0 };
+            if far >= FAR_STEPS {
+                return SolveStatus::NumericalTrouble;
+            }
             let exact = residual <= 0.1 * tolerance && drift <= 0.1 * tolerance;
             if exact || residual <= 1e-4 {
                 self.newton.set_cost(problem, 0.0, false);

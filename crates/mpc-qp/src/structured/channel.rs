@@ -27,6 +27,10 @@ pub(super) struct Channel {
     pub(super) dv: Vec<[f64; 4]>,
     /// Curvature added to each.
     pub(super) weight: Vec<[f64; 4]>,
+    /// Curvature before the last `hold_active`.
+    pub(super) last_weight: Vec<[f64; 4]>,
+    /// How many of the first values that changed for, at most.
+    pub(super) reweighted: usize,
     /// Gradient added to each.
     pub(super) force: Vec<[f64; 4]>,
     /// Lower and upper side.
@@ -66,6 +70,8 @@ impl Channel {
             v: zeros.clone(),
             dv: zeros.clone(),
             weight: zeros.clone(),
+            last_weight: zeros.clone(),
+            reweighted: 0,
             force: zeros.clone(),
             kept_v: zeros,
             kept: [vec![Lane::OFF; lanes], vec![Lane::OFF; lanes]],
@@ -88,6 +94,7 @@ impl Channel {
     pub(super) fn clear(&mut self, price: Price) {
         self.fixed.clear();
         self.price = price;
+        self.reweighted = 0;
         for side in 0..2 {
             if self.used[side] {
                 self.sides[side].fill(Lane::OFF);
@@ -181,28 +188,6 @@ impl Channel {
         }
     }
 
-    /// Affine direction.
-    #[inline(always)]
-    pub(super) fn predict<L: Lanes>(&mut self, lanes: L) -> Reach {
-        let mut reach = Reach::FREE;
-        for side in 0..2 {
-            if !self.used[side] {
-                continue;
-            }
-            reach = reach.and(if self.price == Price::Hard {
-                bounds::predict(lanes, &mut self.sides[side], SIGN[side], &self.dv)
-            } else {
-                soft::aim(
-                    (&mut self.sides[side], &mut self.slacks[side]),
-                    SIGN[side],
-                    self.price,
-                    &self.dv,
-                )
-            });
-        }
-        reach
-    }
-
     /// Corrector: forces from scratch, for products `target_mu` or for those at hand.
     #[inline(always)]
     pub(super) fn correct<L: Lanes>(&mut self, lanes: L, target_mu: Option<f64>) {
@@ -222,23 +207,16 @@ impl Channel {
         self.hold(false);
     }
 
-    /// Corrected direction.
+    /// The direction, affine or corrected, and how far it may go.
     #[inline(always)]
-    pub(super) fn aim<L: Lanes>(&mut self, lanes: L) -> Reach {
+    pub(super) fn aim<L: Lanes>(&mut self, lanes: L, corrected: bool) -> Reach {
         let mut reach = Reach::FREE;
-        for side in 0..2 {
-            if !self.used[side] {
-                continue;
-            }
-            reach = reach.and(if self.price == Price::Hard {
-                bounds::aim(lanes, &mut self.sides[side], SIGN[side], &self.dv)
-            } else {
-                soft::aim(
-                    (&mut self.sides[side], &mut self.slacks[side]),
-                    SIGN[side],
-                    self.price,
-                    &self.dv,
-                )
+        for side in (0..2).filter(|&side| self.used[side]) {
+            let (sign, edge) = (SIGN[side], &mut self.sides[side]);
+            reach = reach.and(match self.price {
+                Price::Hard if corrected => bounds::aim(lanes, edge, sign, &self.dv),
+                Price::Hard => bounds::predict(lanes, edge, sign, &self.dv),
+                price => soft::aim((edge, &mut self.slacks[side]), sign, price, &self.dv),
             });
         }
         reach

@@ -23,6 +23,15 @@ pub(super) struct Value<const NX: usize, const NU: usize> {
     pub(super) pp: [[f64; NU]; NU],
 }
 
+impl<const NX: usize, const NU: usize> Value<NX, NU> {
+    /// All zeros.
+    pub(super) const ZERO: Self = Self {
+        xx: [[0.0; NX]; NX],
+        xp: [[0.0; NX]; NU],
+        pp: [[0.0; NU]; NU],
+    };
+}
+
 /// Hessian of one stage, the general rows' weights in it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Curvature<'a, const NX: usize, const NU: usize> {

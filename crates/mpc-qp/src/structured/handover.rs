@@ -5,7 +5,7 @@ use super::channel::{Channel, SIGN};
 use super::soft::{self, Price};
 
 /// Distance of the two bounds, or the size of the only one.
-fn width(lane: &Lane, opposite: &Lane, i: usize) -> f64 {
+pub(super) fn width(lane: &Lane, opposite: &Lane, i: usize) -> f64 {
     if opposite.on[i] != 0.0 {
         lane.bound[i] + opposite.bound[i]
     } else {

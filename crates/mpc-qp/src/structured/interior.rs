@@ -1,6 +1,7 @@
 //! Mehrotra's predictor-corrector from a centred start, with the active-set finish.
 
 use super::StructuredSolver;
+use super::clipping::Cuts;
 use super::kernel::run;
 use super::passes::{Advance, Backward, ConeTerm, Factorise, Forward, Weigh};
 use super::solves::{Ray, SolveAbsolute};
@@ -18,12 +19,13 @@ const LEAST_SLACK: f64 = 0.1;
 /// Fraction of the way to the boundary.
 const STEP_FRACTION: f64 = 0.995;
 
-/// Starting products as a part of multiplier times distance, averaged over the bounds that the sweeps found active.
+/// Starting products as a part of multiplier times distance, averaged over the bounds that the sweeps found active; where feedback was
+/// clipped, its own estimate is taken instead.
 const STARTING_PART: f64 = 0.05;
 
 /// Active-set sweeps tried after an iteration that looks like having identified the set; few wrong places, or none of it.
 const FINISH: Patience = Patience {
-    sweeps: 4,
+    sweeps: 6,
     wrong: 3,
 };
 
@@ -41,15 +43,12 @@ const RAY_TOLERANCE: f64 = 1e-7;
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     /// Starting point; returns the average complementarity product and the number of products.
-    fn start_interior(&mut self) -> (f64, f64) {
-        let (mut sum, mut active) = (0.0, 0.0);
-        for channel in self.newton.channels() {
-            let (products, count) = channel.product_scale();
-            sum += products;
-            active += count;
-        }
-        let scale: f64 = if active > 0.0 { sum / active } else { 1.0 };
-        let mu = STARTING_PART
+    fn start_interior(&mut self, cuts: &Cuts) -> (f64, f64) {
+        let (part, scale) = match cuts.mean_product() {
+            Some(product) => (1.0, product),
+            None => (STARTING_PART, self.mean_product()),
+        };
+        let mu = part
             * if scale.is_finite() {
                 scale.clamp(1e-6, 1e12)
             } else {
@@ -58,7 +57,10 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         for channel in self.newton.channels() {
             channel.center(CENTERING * mu);
         }
-        run(SolveAbsolute(&mut self.newton));
+        run(SolveAbsolute {
+            newton: &mut self.newton,
+            clipped: false,
+        });
         let mut count = 0.0;
         for channel in self.newton.channels() {
             channel.enter(LEAST_SLACK, mu);
@@ -70,6 +72,17 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             count += cone.count();
         }
         (mu, count)
+    }
+
+    /// Multiplier times width, averaged over the bounds that the sweeps found active; one if there is none.
+    fn mean_product(&mut self) -> f64 {
+        let (mut sum, mut active) = (0.0, 0.0);
+        for channel in self.newton.channels() {
+            let (products, count) = channel.product_scale();
+            sum += products;
+            active += count;
+        }
+        if active > 0.0 { sum / active } else { 1.0 }
     }
 
     /// Active-set sweeps from the iterate's guess; comes back to the iterate if they do not settle.
@@ -137,7 +150,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             });
             let reach = run(Forward {
                 newton,
-                affine: false,
+                corrected: true,
             });
             let step = (STEP_FRACTION / reach.ratio.max(1e-300)).min(1.0);
             if !(step > 1e-12 && reach.product.is_finite()) {
@@ -159,8 +172,9 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         &mut self,
         problem: &OcpQp<NX, NU>,
         solution: &mut Solution<NX, NU>,
+        cuts: &Cuts,
     ) -> SolveStatus {
-        let (mut mu, count) = self.start_interior();
+        let (mut mu, count) = self.start_interior(cuts);
         // What is left of the starting residuals.
         let mut infeasible = 1.0;
         let mut short_steps = 0;
@@ -182,7 +196,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             });
             let reach = run(Forward {
                 newton,
-                affine: true,
+                corrected: false,
             });
             let alpha = 1.0 / reach.ratio.max(1.0);
             let affine = (1.0 - alpha) * mu + alpha * alpha * reach.product / count.max(1.0);
@@ -193,7 +207,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             });
             let reach = run(Forward {
                 newton,
-                affine: false,
+                corrected: true,
             });
             let step = (STEP_FRACTION / reach.ratio.max(1e-300)).min(1.0);
             let before = mu;

@@ -127,9 +127,19 @@ impl<P: Phase> pulp::NullaryFnOnce for Fused<P> {
     }
 }
 
+#[cfg(test)]
+thread_local! {
+    /// Whether this thread keeps to the baseline, as a machine without AVX2 does.
+    pub(super) static BASELINE: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
+}
+
 /// Runs a phase with the widest instruction set that pays.
 #[inline]
 pub(super) fn run<P: Phase>(phase: P) -> P::Output {
+    #[cfg(test)]
+    if BASELINE.get() {
+        return phase.run(Portable);
+    }
     #[cfg(target_arch = "x86_64")]
     if let Some(avx2) = pulp::x86::V3::try_new() {
         return avx2.vectorize(Fused(phase, avx2));

@@ -2,8 +2,9 @@
 
 use super::channel::Channel;
 use super::cone::Cone;
+use super::elimination::Value;
 use super::kernel::Lanes;
-use super::newton::{Newton, RowData};
+use super::newton::{Factorised, Newton, RowData};
 use super::riccati::{Gain, Stage};
 use super::soft::Price;
 use crate::error::SolveError;
@@ -89,6 +90,8 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             cone: None,
             set_kind: problem.terminal().set.kind(),
             cost_unit: 1.0,
+            values: vec![Value::ZERO; n + 1],
+            factorised: Factorised::Stale,
             gains: vec![Gain::ZERO; n],
             feedforward: vec![[0.0; NU]; n],
             gradient: vec![([0.0; NX], [0.0; NU]); n],
@@ -167,9 +170,17 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                 .bound((self.n - 1) * NX + i, terminal.x_min[i], terminal.x_max[i]);
         }
         self.load_terminal_set(problem);
+        // Nobody else touches these once their last bound is gone.
+        for channel in [&mut self.inputs, &mut self.rates] {
+            if !channel.any() {
+                channel.weight.fill([0.0; 4]);
+                channel.force.fill([0.0; 4]);
+            }
+        }
     }
 
     pub(super) fn load_terminal_cost(&mut self, problem: &OcpQp<NX, NU>) {
+        self.factorised = Factorised::Stale;
         let terminal = problem.terminal();
         self.p = scaled(&terminal.p.data.0, 1.0 / self.cost_unit);
         self.pv = (terminal.p_linear / self.cost_unit).into();

@@ -10,6 +10,7 @@ mod active;
 mod bounds;
 mod careful;
 mod channel;
+mod clipping;
 mod cone;
 mod elimination;
 mod handover;
@@ -26,6 +27,9 @@ mod solves;
 mod sweeps;
 mod terms;
 mod write;
+
+#[cfg(test)]
+mod tests;
 
 use crate::error::SolveError;
 use crate::multipliers::TerminalSetMultipliers;
@@ -234,10 +238,15 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
             Start::Warm if all_finite(solution) => self.warm_sweeps(solution),
             Start::Warm | Start::Cold => false,
         };
-        let status = if settled || self.cold_sweeps() {
+        let status = if settled {
             SolveStatus::Solved
         } else {
-            self.interior_point(problem, solution)
+            let cuts = self.clipped_feedback();
+            if self.cold_sweeps(&cuts) {
+                SolveStatus::Solved
+            } else {
+                self.interior_point(problem, solution, &cuts)
+            }
         };
         self.conclude(problem, status, solution);
         let doubtful = matches!(

@@ -5,7 +5,8 @@
 //! in every iteration, so rounding in one step is corrected by the next, like iterative refinement.
 
 use super::channel::Channel;
-use super::cone::Cone;
+use super::cone::{Cone, Place};
+use super::elimination::Value;
 use super::riccati::{Gain, Stage};
 
 /// A general row's coefficients.
@@ -15,6 +16,28 @@ pub(super) struct RowData<const NX: usize, const NU: usize> {
     pub(super) gx: [f64; NX],
     /// On the input.
     pub(super) hu: [f64; NU],
+}
+
+/// What the factorisation at hand belongs to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Factorised {
+    /// Other data than the present.
+    Stale,
+    /// The present data and an ellipsoid that adds curvature.
+    WithCone,
+    /// The present data, and weights on nothing but the channels' values.
+    Plain,
+}
+
+impl Factorised {
+    /// Of the present data, with or without an ellipsoid that adds curvature.
+    pub(super) fn of(with_cone: bool) -> Self {
+        if with_cone {
+            Self::WithCone
+        } else {
+            Self::Plain
+        }
+    }
 }
 
 /// Problem data, iterate and direction.
@@ -54,6 +77,10 @@ pub(super) struct Newton<const NX: usize, const NU: usize> {
     pub(super) set_kind: &'static str,
     /// The problem's cost over the cost in here, whose curvature in the inputs is about one.
     pub(super) cost_unit: f64,
+    /// Cost to go at each of 0..=N as factorised.
+    pub(super) values: Vec<Value<NX, NU>>,
+    /// What the factorisation at hand belongs to.
+    pub(super) factorised: Factorised,
     /// Factorised stages.
     pub(super) gains: Vec<Gain<NX, NU>>,
     /// Feedforward inputs of the last backward pass.
@@ -85,6 +112,26 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             &mut self.rows,
             &mut self.terminal,
         ]
+    }
+
+    /// True if constraints put weights on states.
+    #[inline(always)]
+    pub(super) fn weighs_states(&self) -> bool {
+        self.states.any() || self.rows.any() || self.terminal.any()
+    }
+
+    /// How many of the first stages an active-set sweep has to factorise anew: those up to the last input or rate whose weight is not
+    /// what it was in the factorisation at hand. What comes after them has not changed.
+    pub(super) fn stages_to_factorise(&self) -> usize {
+        let cone_is_free = self
+            .cone
+            .as_ref()
+            .is_none_or(|cone| cone.place == Place::Inside);
+        if self.factorised != Factorised::Plain || !cone_is_free || self.weighs_states() {
+            return self.n;
+        }
+        let weights = self.inputs.reweighted.max(self.rates.reweighted);
+        weights.div_ceil(NU).min(self.n)
     }
 
     /// Zero values and multipliers, after an iterate was lost.

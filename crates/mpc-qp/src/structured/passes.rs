@@ -1,8 +1,9 @@
 //! The passes of an interior-point iteration: weights, factorisation, corrector, direction, step.
 
 use super::bounds::Reach;
+use super::cone::Place;
 use super::kernel::{Lanes, Phase, add_product};
-use super::newton::{Newton, at};
+use super::newton::{Factorised, Newton, at};
 use super::penalty::Penalty;
 
 /// Factorises the system and does the backward pass for the channels' present forces.
@@ -33,6 +34,14 @@ impl<const NX: usize, const NU: usize> Phase for Factorise<'_, NX, NU> {
         let x = *newton.x(newton.n);
         newton.terminal_gradient = add_product(lanes, &newton.p, &x, &newton.pv);
         let mut value = newton.terminal_value(lanes, &mut costate.0);
+        let (mut changed, mut with_cone) = (newton.n, newton.cone.is_some());
+        if let ConeTerm::Held(_) = self.cone {
+            changed = newton.stages_to_factorise();
+            with_cone = newton
+                .cone
+                .as_ref()
+                .is_some_and(|cone| cone.place != Place::Inside);
+        }
         if let Some(cone) = &mut newton.cone {
             let (xx, gx) = (&mut value.xx, &mut costate.0);
             match self.cone {
@@ -41,7 +50,15 @@ impl<const NX: usize, const NU: usize> Phase for Factorise<'_, NX, NU> {
                 ConeTerm::Penalty(penalty) => cone.penalise(lanes, &x, penalty, xx, gx),
             }
         }
-        for k in (0..newton.n).rev() {
+        newton.values[newton.n] = value;
+        newton.factorised = Factorised::of(with_cone);
+        for k in (changed..newton.n).rev() {
+            let (gx, gu) = newton.cost_gradient(lanes, k);
+            newton.gradient[k] = (gx, gu);
+            newton.backward_stage(lanes, k, gx, gu, &mut costate);
+        }
+        value = newton.values[changed];
+        for k in (0..changed).rev() {
             let (gx, gu) = newton.cost_gradient(lanes, k);
             newton.gradient[k] = (gx, gu);
             newton.eliminate_stage(lanes, k, &mut value);
@@ -91,8 +108,8 @@ impl<const NX: usize, const NU: usize> Phase for Backward<'_, NX, NU> {
 pub(super) struct Forward<'a, const NX: usize, const NU: usize> {
     /// The system.
     pub(super) newton: &'a mut Newton<NX, NU>,
-    /// Whether this is the predictor.
-    pub(super) affine: bool,
+    /// Whether this is the corrector, not the predictor.
+    pub(super) corrected: bool,
 }
 
 impl<const NX: usize, const NU: usize> Phase for Forward<'_, NX, NU> {
@@ -100,15 +117,11 @@ impl<const NX: usize, const NU: usize> Phase for Forward<'_, NX, NU> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Reach {
         let newton = self.newton;
-        newton.roll(lanes);
+        newton.roll(lanes, false);
         let mut reach = Reach::FREE;
         for channel in newton.channels() {
             if channel.any() {
-                reach = reach.and(if self.affine {
-                    channel.predict(lanes)
-                } else {
-                    channel.aim(lanes)
-                });
+                reach = reach.and(channel.aim(lanes, self.corrected));
             }
         }
         if let Some(cone) = &mut newton.cone {

@@ -1,8 +1,9 @@
 //! The passes around the iterations: starting solve, active-set sweeps, costates, Farkas ray.
 
 use super::active::Verdict;
+use super::clipping::Cuts;
 use super::kernel::{Lanes, Phase, add_product, dot, larger};
-use super::newton::{Newton, at, at_mut};
+use super::newton::{Factorised, Newton, at, at_mut};
 use super::riccati::{backward, forward};
 
 /// Turns the multipliers into a Farkas ray: costates by the plain adjoint recursion, what is left in an input absorbed by the
@@ -89,7 +90,7 @@ impl<const NX: usize, const NU: usize> Phase for Resolve<'_, NX, NU> {
     }
 }
 
-/// Forward pass that moves the values by the full step and judges the active-set guess.
+/// Forward pass with clipped feedback that moves the values by the full step and judges the active-set guess.
 pub(super) struct Settle<'a, const NX: usize, const NU: usize>(pub(super) &'a mut Newton<NX, NU>);
 
 impl<const NX: usize, const NU: usize> Phase for Settle<'_, NX, NU> {
@@ -97,7 +98,7 @@ impl<const NX: usize, const NU: usize> Phase for Settle<'_, NX, NU> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Verdict {
         let newton = self.0;
-        newton.roll(lanes);
+        newton.roll(lanes, true);
         let mut verdict = Verdict::default();
         for channel in newton.channels() {
             verdict = verdict.and(channel.settle(lanes));
@@ -178,18 +179,25 @@ impl<const NX: usize, const NU: usize> Phase for Costates<'_, NX, NU> {
 /// Solves the problem with the channels' weights and forces in absolute values, from the given state: the starting point.
 ///
 /// Forces are gradients at zero values; the affine terms of the dynamics enter here and nowhere else.
-pub(super) struct SolveAbsolute<'a, const NX: usize, const NU: usize>(
-    pub(super) &'a mut Newton<NX, NU>,
-);
+pub(super) struct SolveAbsolute<'a, const NX: usize, const NU: usize> {
+    /// The system.
+    pub(super) newton: &'a mut Newton<NX, NU>,
+    /// Whether the feedback is cut off at the limits of input and rate on the way forward; what was cut off becomes the guess of the
+    /// active set.
+    pub(super) clipped: bool,
+}
 
 impl<const NX: usize, const NU: usize> Phase for SolveAbsolute<'_, NX, NU> {
-    type Output = ();
+    /// What was cut off.
+    type Output = Cuts;
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
-        let newton = self.0;
+    fn run<L: Lanes>(self, lanes: L) -> Cuts {
+        let newton = self.newton;
         let mut costate = ([0.0; NX], [0.0; NU]);
         newton.terminal_gradient = newton.pv;
         let mut value = newton.terminal_value(lanes, &mut costate.0);
+        newton.values[newton.n] = value;
+        newton.factorised = Factorised::Plain;
         for k in (0..newton.n).rev() {
             let stage = &newton.stages[k];
             costate.0 = add_product(lanes, &value.xx, &stage.c, &costate.0);
@@ -201,9 +209,11 @@ impl<const NX: usize, const NU: usize> Phase for SolveAbsolute<'_, NX, NU> {
             newton.backward_stage(lanes, k, gx, gu, &mut costate);
         }
         let (mut x, mut p) = (newton.x0, newton.u_last);
+        let mut cuts = Cuts::default();
         for k in 0..newton.n {
+            let before = x;
             let stage = &newton.stages[k];
-            let u = forward(
+            let mut u = forward(
                 lanes,
                 stage,
                 &newton.gains[k],
@@ -211,8 +221,13 @@ impl<const NX: usize, const NU: usize> Phase for SolveAbsolute<'_, NX, NU> {
                 &mut x,
                 &p,
             );
+            if self.clipped && newton.clip(k, &mut u, &p, Some(&mut cuts)) {
+                let stage = &newton.stages[k];
+                let free = add_product(lanes, &stage.a, &before, &[0.0; NX]);
+                x = add_product(lanes, &stage.b, &u, &free);
+            }
             for i in 0..NX {
-                x[i] += stage.c[i];
+                x[i] += newton.stages[k].c[i];
             }
             *at_mut(&mut newton.states.v, k) = x;
             *at_mut(&mut newton.inputs.v, k) = u;
@@ -223,5 +238,6 @@ impl<const NX: usize, const NU: usize> Phase for SolveAbsolute<'_, NX, NU> {
             p = u;
         }
         newton.spread(lanes, false);
+        cuts
     }
 }

@@ -1,6 +1,7 @@
 //! When to trust active-set sweeps: the warm path, the cold attempt, and the finish of the interior point.
 
 use super::StructuredSolver;
+use super::clipping::{Cuts, FEW};
 use super::cone::Place;
 use super::kernel::run;
 use super::passes::{ConeTerm, Factorise};
@@ -11,6 +12,10 @@ use crate::solution::Solution;
 /// Weight that holds a bound (the cost's curvature in the inputs is about one): large enough that each further solve gains six digits,
 /// small enough that the first loses none that matter.
 const OMEGA: f64 = 1e7;
+
+/// The same for the ellipsoid, where most inputs may be at their limits and those that are left hardly move its normal: a distance that
+/// falls by ten a sweep shows that the weight is too small.
+const CONE_OMEGA: f64 = 1e10;
 
 /// When to give sweeps up.
 #[derive(Clone, Copy, Debug)]
@@ -27,11 +32,10 @@ const WARM: Patience = Patience {
     wrong: usize::MAX,
 };
 
-/// The cold attempt before the interior point. From the unconstrained solution either few places are wrong after the first sweep,
-/// or far too many: on the benchmark 1/7 of the problems settle.
+/// The cold attempt before the interior point, from the guess of the clipped feedback.
 const COLD: Patience = Patience {
-    sweeps: 3,
-    wrong: 4,
+    sweeps: 8,
+    wrong: 8,
 };
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
@@ -44,30 +48,40 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         self.sweep(WARM)
     }
 
-    /// Sweeps from the bounds that the solution without bounds violates.
-    pub(super) fn cold_sweeps(&mut self) -> bool {
+    /// The solution without bounds, cut off at the limits of inputs and rates; what cut it, and which other bounds it violates,
+    /// is the guess.
+    pub(super) fn clipped_feedback(&mut self) -> Cuts {
         for channel in self.newton.channels() {
             channel.omega = OMEGA;
             // What a warm attempt left.
             channel.fixed.iter_mut().for_each(|fixed| fixed.y = 0.0);
-        }
-        for channel in self.newton.channels() {
             channel.center(0.0);
         }
-        run(SolveAbsolute(&mut self.newton));
-        for channel in self.newton.channels() {
+        let newton = &mut self.newton;
+        newton.inputs.guess_nothing();
+        newton.rates.guess_nothing();
+        let cuts = run(SolveAbsolute {
+            newton,
+            clipped: true,
+        });
+        for channel in [&mut newton.states, &mut newton.rows, &mut newton.terminal] {
             channel.guess_from_values();
         }
-        if let Some(cone) = &mut self.newton.cone {
+        if let Some(cone) = &mut newton.cone {
             cone.place = Place::Inside;
         }
+        cuts
+    }
+
+    /// Sweeps from the guess of the clipped feedback.
+    pub(super) fn cold_sweeps(&mut self, cuts: &Cuts) -> bool {
         let bounded = self.newton.channels().iter().any(|channel| channel.any())
             || self.newton.cone.is_some();
         if !bounded {
             self.iterations += 1;
             return self.stationary(self.settings.tolerance);
         }
-        self.sweep(COLD)
+        cuts.count <= FEW && self.sweep(COLD)
     }
 
     /// Sweeps until the guess is right; true if the optimality conditions hold then.
@@ -86,7 +100,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             run(HoldActive(newton));
             run(Factorise {
                 newton,
-                cone: ConeTerm::Held(OMEGA),
+                cone: ConeTerm::Held(CONE_OMEGA),
             });
             let mut verdict = run(Settle(newton));
             // The gap counts in the problem's unit of cost; rounding limits it where multipliers are huge.
@@ -94,7 +108,10 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             let mut before = f64::INFINITY;
             for _ in 0..6 {
                 let small = verdict.gap * unit <= 0.1 * tolerance || verdict.gap > 0.5 * before;
-                if verdict.changes > 0 || (verdict.distance <= 0.01 * tolerance && small) {
+                if verdict.changes > 0
+                    || verdict.rough
+                    || (verdict.distance <= 0.01 * tolerance && small)
+                {
                     break;
                 }
                 before = verdict.gap;
@@ -102,7 +119,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 run(Resolve(newton));
                 verdict = run(Settle(newton));
             }
-            if verdict.changes == 0 {
+            if verdict.changes == 0 && !verdict.rough {
                 if verdict.distance.is_nan() || verdict.distance > 0.1 * tolerance {
                     return false;
                 }
@@ -116,10 +133,12 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 return true;
             }
             // A method that cycles stops improving: better to leave early.
-            if verdict.changes > patience.wrong || (verdict.changes >= fewest && sweep >= 3) {
+            if verdict.changes > patience.wrong
+                || (verdict.changes > 0 && verdict.changes >= fewest && sweep >= 3)
+            {
                 return false;
             }
-            fewest = fewest.min(verdict.changes);
+            fewest = fewest.min(verdict.changes.max(1));
         }
         false
     }

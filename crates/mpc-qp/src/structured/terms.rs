@@ -140,13 +140,15 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         (gx, gu)
     }
 
-    /// Forward pass: the steps of all values.
+    /// Forward pass: the steps of all values. With `clipped` the feedback of the inputs that the active-set guess leaves free is cut off
+    /// at their limits.
     #[inline(always)]
-    pub(super) fn roll<L: Lanes>(&mut self, lanes: L) {
+    pub(super) fn roll<L: Lanes>(&mut self, lanes: L, clipped: bool) {
         let mut dx = [0.0; NX];
         let mut dp = [0.0; NU];
         for k in 0..self.n {
-            let du = forward(
+            let before = dx;
+            let mut du = forward(
                 lanes,
                 &self.stages[k],
                 &self.gains[k],
@@ -154,6 +156,22 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                 &mut dx,
                 &dp,
             );
+            if clipped {
+                let last = if k == 0 { self.u_last } else { *self.u(k - 1) };
+                let (mut u, mut p) = (*self.u(k), dp);
+                for i in 0..NU {
+                    u[i] += du[i];
+                    p[i] += last[i];
+                }
+                if self.clip(k, &mut u, &p, None) {
+                    for i in 0..NU {
+                        du[i] = u[i] - self.u(k)[i];
+                    }
+                    let stage = &self.stages[k];
+                    let free = add_product(lanes, &stage.a, &before, &[0.0; NX]);
+                    dx = add_product(lanes, &stage.b, &du, &free);
+                }
+            }
             *at_mut(&mut self.states.dv, k) = dx;
             *at_mut(&mut self.inputs.dv, k) = du;
             let rate: &mut [f64; NU] = at_mut(&mut self.rates.dv, k);
@@ -175,7 +193,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         let stage = &self.stages[k];
         let (u_weight, rate_weight) = (*at(&self.inputs.weight, k), *at(&self.rates.weight, k));
         let (first, last) = (self.row_start[k], self.row_start[k + 1]);
-        let weights_on_states = self.states.any() || self.rows.any() || self.terminal.any();
+        let weights_on_states = self.weighs_states();
         if first == last {
             let cost = Curvature {
                 q: &stage.q,
@@ -215,6 +233,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                 value.xx[i][i] += weight[i];
             }
         }
+        self.values[k] = *value;
     }
 
     #[inline(always)]

@@ -180,7 +180,8 @@ impl<const NX: usize> Cone<NX> {
         };
         let rough = missed > ROUGH || drift * missed.sqrt() > 1e-9;
         Verdict {
-            changes: usize::from(self.place != Place::Held || rough),
+            changes: usize::from(self.place != Place::Held),
+            rough,
             distance: linear.abs(),
             gap: self.z.head * after.abs(),
         }
@@ -222,7 +223,8 @@ impl<const NX: usize> Cone<NX> {
             self.e = length - 1.0;
         }
         Verdict {
-            changes: usize::from(self.place != Place::Beyond || missed > ROUGH * size),
+            changes: usize::from(self.place != Place::Beyond),
+            rough: missed > ROUGH * size,
             ..Verdict::default()
         }
     }

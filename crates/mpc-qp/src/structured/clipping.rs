@@ -1,0 +1,82 @@
+//! Feedback cut off at the limits of inputs and rates on its way forward.
+//!
+//! A bound that the unconstrained plan violates at one stage is usually active at several: a rate that may not jump
+//! climbs. Rolled out with every input cut off at its limits, the same feedback meets these bounds stage by stage, from states that can
+//! be reached. What cut it is a far better guess of the active set than the violations of the free plan, and costs nothing more.
+//!
+//! Over long horizons feedback that knows no limits winds up and meets them at every stage. Such a guess is worthless, which
+//! shows in the number of cuts.
+
+use super::active::{HELD, MET, OUTSIDE, ROUNDING};
+use super::channel::SIGN;
+use super::handover::width;
+use super::kernel::larger;
+use super::newton::Newton;
+
+/// What clipped feedback met.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Cuts {
+    /// How many values were cut off.
+    pub(super) count: usize,
+    /// Sum of multiplier times width over the first [`FEW`] of them. The multiplier is what the free cost to go asks for.
+    pub(super) products: f64,
+}
+
+/// Cuts up to which a guess is worth a sweep.
+pub(super) const FEW: usize = 10;
+
+impl Cuts {
+    /// Mean product of multiplier and width, if anything was cut off.
+    pub(super) fn mean_product(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.products / self.count.min(FEW) as f64)
+    }
+}
+
+impl<const NX: usize, const NU: usize> Newton<NX, NU> {
+    /// Cuts the input of stage k off at its limits and at those of its rate from the input `before`, leaving components that the guess
+    /// holds alone. What cut is held from now on, or only marked as met for `settle`. True if anything was cut.
+    #[inline(always)]
+    pub(super) fn clip(
+        &mut self,
+        k: usize,
+        u: &mut [f64; NU],
+        before: &[f64; NU],
+        hold: Option<&mut Cuts>,
+    ) -> bool {
+        let mark = if hold.is_some() { HELD } else { MET };
+        let (mut count, mut products) = (0, 0.0);
+        for i in 0..NU {
+            let (l, j) = ((k * NU + i) / 4, (k * NU + i) % 4);
+            let sides = self.inputs.sides.iter().chain(&self.rates.sides);
+            if sides.map(|side| side[l].place[j]).fold(OUTSIDE, larger) > OUTSIDE {
+                continue;
+            }
+            for side in 0..2 {
+                let sign = SIGN[side];
+                let by_input = self.inputs.sides[side][l].limit(j);
+                let by_rate = self.rates.sides[side][l].limit(j) + sign * before[i];
+                let (limit, cutting) = if by_input <= by_rate {
+                    (by_input, &mut self.inputs)
+                } else {
+                    (by_rate, &mut self.rates)
+                };
+                let excess = sign * u[i] - limit;
+                if excess > ROUNDING * (1.0 + limit.abs()) {
+                    u[i] = sign * limit;
+                    cutting.sides[side][l].place[j] = mark;
+                    let width = width(&cutting.sides[side][l], &cutting.sides[1 - side][l], j);
+                    products += excess * width / self.gains[k].inverse[i][i];
+                    count += 1;
+                    break;
+                }
+            }
+        }
+        if let Some(cuts) = hold {
+            if cuts.count < FEW {
+                cuts.products += products;
+            }
+            cuts.count += count;
+        }
+        count > 0
+    }
+}

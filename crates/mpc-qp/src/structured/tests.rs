@@ -1,0 +1,156 @@
+//! What cannot be seen from outside: the baseline arithmetic, and limits and ends of the careful pass.
+
+use super::kernel::{BASELINE, run};
+use super::{Load, StructuredSolver};
+use crate::problem::OcpQp;
+use crate::problems::random::{self, Recipe};
+use crate::problems::tracking::Tracking;
+use crate::solution::{Solution, SolveStatus};
+use crate::solver::{OcpSolver, SolverSettings, Start};
+use crate::stage::Stage;
+use crate::terminal::Terminal;
+use nalgebra::{Matrix1, Matrix6, Vector1};
+use std::time::{Duration, Instant};
+
+fn solve<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> Solution<NX, NU> {
+    let mut solver = StructuredSolver::new(problem, SolverSettings::default()).unwrap();
+    let mut solution = Solution::new(problem);
+    solver.solve(problem, Start::Cold, &mut solution).unwrap();
+    solution
+}
+
+/// The same problem with the fastest arithmetic of the machine and with the baseline's.
+fn both(problem: &OcpQp<6, 2>) -> [Solution<6, 2>; 2] {
+    let fast = solve(problem);
+    BASELINE.set(true);
+    let baseline = solve(problem);
+    BASELINE.set(false);
+    [fast, baseline]
+}
+
+// The plans of a strictly convex problem: both answers end with the same active set, so they differ by rounding
+// times the conditioning of one equality-constrained solve with weights of 1e7.
+#[test]
+fn baseline_arithmetic_finds_the_same_plans() {
+    let tracking = Tracking::default();
+    for (seed, cone) in (0..20).flat_map(|seed| [(seed, false), (seed, true)]) {
+        let problem = tracking.problem(Tracking::start(seed), 20, cone).unwrap();
+        let [fast, baseline] = both(&problem);
+        assert_eq!(baseline.status, SolveStatus::Solved, "seed {seed}");
+        for (a, b) in fast.u.iter().zip(&baseline.u) {
+            assert!((a - b).amax() < 1e-8, "seed {seed}, cone {cone}: {a} {b}");
+        }
+    }
+}
+
+// Every kind of constraint; objectives within the tolerance of the gap, as degenerate plans need not be unique.
+#[test]
+fn baseline_arithmetic_comes_to_the_same_ends() {
+    for seed in 0..60 {
+        let problem = random::problem::<6, 2>(seed, &Recipe::any(seed, 15)).unwrap();
+        let [fast, baseline] = both(&problem);
+        assert_eq!(
+            std::mem::discriminant(&fast.status),
+            std::mem::discriminant(&baseline.status),
+            "seed {seed}"
+        );
+        if fast.status.has_solution() {
+            let gap = (fast.objective - baseline.objective).abs();
+            assert!(
+                gap <= 1e-6 * fast.objective.abs().max(1.0),
+                "seed {seed}: {gap:e}"
+            );
+        }
+    }
+}
+
+#[test]
+fn careful_pass_stops_at_its_first_step_when_time_is_up() {
+    let problem = Tracking::default()
+        .problem(Tracking::start(3), 20, true)
+        .unwrap();
+    let settings = SolverSettings {
+        time_limit: Some(Duration::ZERO),
+        ..SolverSettings::default()
+    };
+    let mut solver = StructuredSolver::new(&problem, settings).unwrap();
+    solver.started = Instant::now();
+    run(Load(&mut solver.newton, &problem));
+    let status = solver.careful(&problem, &mut Solution::new(&problem));
+    assert_eq!((status, solver.iterations), (SolveStatus::TimeLimit, 0));
+}
+
+#[test]
+fn careful_pass_solves_what_it_is_given() {
+    let problem = Tracking::default()
+        .problem(Tracking::start(3), 20, true)
+        .unwrap();
+    let mut solver = StructuredSolver::new(&problem, SolverSettings::default()).unwrap();
+    run(Load(&mut solver.newton, &problem));
+    let status = solver.careful(&problem, &mut Solution::new(&problem));
+    assert_eq!(status, SolveStatus::Solved);
+}
+
+// 300 is less than a third of the iterations allowed.
+#[test]
+fn unbounded_cost_ends_in_trouble_before_the_limit() {
+    let mut stage = Stage::new(Matrix1::new(1.0), Matrix1::new(1.0));
+    stage.r_linear = Vector1::new(1.0);
+    for horizon in [1, 5, 40] {
+        let stages = vec![stage.clone(); horizon];
+        let terminal = Terminal::new(Matrix1::zeros());
+        let solution = solve(&OcpQp::new(Vector1::new(1.0), stages, terminal).unwrap());
+        assert_eq!(
+            solution.status,
+            SolveStatus::NumericalTrouble,
+            "N = {horizon}"
+        );
+        assert!(solution.iterations < 300, "{}", solution.iterations);
+        assert!(solution.u.iter().all(|u| u[0].is_finite()));
+    }
+}
+
+#[test]
+fn factorisation_is_kept_where_no_weight_changed() {
+    let tracking = Tracking::default();
+    let problem = tracking.problem(Tracking::start(1), 20, false).unwrap();
+    let mut solver = StructuredSolver::new(&problem, SolverSettings::default()).unwrap();
+    run(Load(&mut solver.newton, &problem));
+    let cuts = solver.clipped_feedback();
+    assert!(solver.cold_sweeps(&cuts));
+    assert!(solver.newton.stages_to_factorise() < 20);
+    // Data that were read anew belong to no factorisation.
+    run(Load(&mut solver.newton, &problem));
+    assert_eq!(solver.newton.stages_to_factorise(), 20);
+}
+
+#[test]
+fn kept_factorisation_equals_a_fresh_one() {
+    let tracking = Tracking::default();
+    let mut settled = 0;
+    for seed in 0..40 {
+        let problem = tracking.problem(Tracking::start(seed), 8, false).unwrap();
+        let mut solver = StructuredSolver::new(&problem, SolverSettings::default()).unwrap();
+        run(Load(&mut solver.newton, &problem));
+        let cuts = solver.clipped_feedback();
+        if solver.cold_sweeps(&cuts) {
+            settled += 1;
+            let kept: Vec<Matrix6<f64>> =
+                solver.newton.values.iter().map(|v| v.xx.into()).collect();
+            solver.newton.factorised = super::newton::Factorised::Stale;
+            run(super::passes::Factorise {
+                newton: &mut solver.newton,
+                cone: super::passes::ConeTerm::Held(1.0),
+            });
+            for (k, value) in solver.newton.values.iter().enumerate() {
+                let fresh = Matrix6::from(value.xx);
+                assert!(
+                    (fresh - kept[k]).amax() <= 1e-9 * fresh.amax(),
+                    "seed {seed}, stage {k}"
+                );
+            }
+        }
+    }
+    // With a factorisation that is not of these weights, sweeps do not settle.
+    assert!(settled >= 35, "{settled} settled");
+}
