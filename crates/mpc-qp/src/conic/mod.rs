@@ -200,7 +200,9 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
             solution,
         );
         solution.evaluate(problem);
-        solution.status = extraction::status(problem, self.solver.solution.status, solution);
+        let usable = usable_residual(self.settings.tolerance);
+        solution.status =
+            extraction::status(problem, self.solver.solution.status, usable, solution);
     }
 
     /// A second pass with gap tolerances that ask in the problem's units what the first asked in scaled ones: where the
