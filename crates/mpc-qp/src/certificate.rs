@@ -1,12 +1,13 @@
-//! What proves a problem infeasible, and which constraints are to blame.
+//! What proves a problem infeasible.
 //!
 //! A Farkas ray is a set of multipliers y with A'y = 0, y in the dual cone and b'y < 0 for the constraints
 //! `b - A z in K`. Scaled to b'y = -1 with `r = |A'y|_inf` it proves that no feasible point has a 1-norm below 1/r:
-//! feasibility would give `0 <= y'(b - A z) = -1 - z'A'y`. Its nonzero entries are the constraints in conflict.
+//! feasibility would give `0 <= y'(b - A z) = -1 - z'A'y`. Its nonzero entries are the constraints in conflict
+//! ([`Blame`]).
 
+use crate::blame::Blame;
 use crate::constraints::for_each_scalar;
-use crate::error::Place;
-use crate::lagrangian::LagrangianGradient;
+use crate::lagrangian::{LagrangianGradient, Terms};
 use crate::multipliers::{Multipliers, TerminalSetMultipliers};
 use crate::problem::OcpQp;
 use crate::softening::ConstraintGroup;
@@ -23,43 +24,6 @@ pub struct InfeasibilityCertificate {
     /// Largest multiplier of the wrong sign, outside the cone, or on a soft constraint, in the same scaling.
     pub sign_violation: f64,
 }
-
-/// One line of the blame: a group with its part in the conflict.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BlameEntry {
-    /// The kind of constraint.
-    pub group: ConstraintGroup,
-    /// Its part of the ray, multipliers times coefficient norms, as a fraction of the whole.
-    pub share: f64,
-    /// Where the group's largest part sits.
-    pub worst: Place,
-    /// The first place with a part that counts.
-    pub first: Place,
-    /// The last place with a part that counts.
-    pub last: Place,
-}
-
-/// The groups of the constraints in conflict, with their stages. Fixed size: no allocation in a solve.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Blame {
-    entries: [Option<BlameEntry>; 5],
-}
-
-impl Blame {
-    /// The entries, the largest share first.
-    pub fn entries(&self) -> impl Iterator<Item = &BlameEntry> {
-        self.entries.iter().flatten()
-    }
-
-    /// True if some entry has this group.
-    #[must_use]
-    pub fn names(&self, group: ConstraintGroup) -> bool {
-        self.entries().any(|entry| entry.group == group)
-    }
-}
-
-/// Part of the largest charge below which a place is not named: an interior point leaves every multiplier positive.
-const LEAST_SHARE: f64 = 1e-3;
 
 /// Takes from each pair of opposite bounds what both multipliers have in common.
 ///
@@ -85,147 +49,119 @@ fn cancel<const N: usize>(lower: &mut SVector<f64, N>, upper: &mut SVector<f64, 
     *upper -= common;
 }
 
+/// Makes the conditions of the states hold exactly and, as far as inputs are bounded, those of the inputs.
+///
+/// A conic solver's ray leaves a little in every condition, measured against the largest entry of the ray. The adjoint recursion
+/// from the end yields costates that leave nothing in the states; what then remains in an input is added to the multiplier of the
+/// bound that it pushes against.
+pub(crate) fn make_exact<const NX: usize, const NU: usize>(
+    problem: &OcpQp<NX, NU>,
+    solution: &mut Solution<NX, NU>,
+) {
+    let rest_in_state =
+        |solution: &Solution<NX, NU>, k| of_constraints(problem, solution).state(k).sum;
+    for k in (1..=problem.horizon()).rev() {
+        let rest = rest_in_state(solution, k);
+        solution.multipliers.costates[k - 1] += rest;
+    }
+    for (k, stage) in problem.stages().iter().enumerate() {
+        let rest = of_constraints(problem, solution).input(k).sum;
+        let multipliers = &mut solution.multipliers.stages[k];
+        for i in 0..NU {
+            if rest[i] > 0.0 && stage.u_min[i].is_finite() {
+                multipliers.u_min[i] += rest[i];
+            } else if rest[i] < 0.0 && stage.u_max[i].is_finite() {
+                multipliers.u_max[i] -= rest[i];
+            }
+        }
+    }
+    cancel_opposite_multipliers(&mut solution.multipliers);
+}
+
+/// Gradient of what the constraints alone contribute to the Lagrangian.
+pub(crate) fn of_constraints<'a, const NX: usize, const NU: usize>(
+    problem: &'a OcpQp<NX, NU>,
+    solution: &'a Solution<NX, NU>,
+) -> LagrangianGradient<'a, NX, NU> {
+    LagrangianGradient {
+        problem,
+        solution,
+        with_cost: false,
+        terms: Terms::Products,
+    }
+}
+
 /// Judges the ray in `solution.multipliers`; neither the states nor the costs are used.
 #[must_use]
 pub fn examine_certificate<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     solution: &Solution<NX, NU>,
 ) -> (InfeasibilityCertificate, Blame) {
-    let gradient = LagrangianGradient {
-        problem,
-        solution,
-        with_cost: false,
-    };
+    let gradient = of_constraints(problem, solution);
     let adjoint = (0..problem.horizon())
         .map(|k| {
-            gradient
-                .input(k)
-                .sum
-                .amax()
-                .max(gradient.state(k + 1).sum.amax())
+            let (input, state) = (gradient.input(k).sum, gradient.state(k + 1).sum);
+            input.amax().max(state.amax())
         })
         .fold(0.0, f64::max);
-    let mut largest = 0.0_f64;
-    for_each_scalar(problem, solution, |constraint| {
-        largest = largest.max(constraint.multiplier * constraint.norm);
-    });
-    let mut tally = Tally::new(LEAST_SHARE * largest);
+    let mut ray = Ray::default();
     for (stage, costate) in problem.stages().iter().zip(&solution.multipliers.costates) {
-        tally.product -= costate.dot(&stage.c);
+        ray.product -= costate.dot(&stage.c);
     }
     let first = &problem.stages()[0];
-    tally.product -= solution.multipliers.costates[0].dot(&(first.a * problem.initial_state()));
+    ray.product -= solution.multipliers.costates[0].dot(&(first.a * problem.initial_state()));
     for_each_scalar(problem, solution, |constraint| {
-        let (group, place) = (constraint.group, constraint.place);
+        let soft = problem.softening().of(constraint.group).is_soft();
         let multiplier = constraint.multiplier;
-        let allowed = constraint.right < f64::INFINITY && !problem.softening().of(group).is_soft();
-        tally.sign_violation = tally.sign_violation.max(if allowed {
-            -multiplier
+        if constraint.right < f64::INFINITY && !soft {
+            ray.product += constraint.right * multiplier;
+            ray.require(-multiplier);
         } else {
-            multiplier.abs()
-        });
-        if allowed {
-            tally.product += constraint.right * multiplier;
-            tally.charge(group, place, multiplier.max(0.0) * constraint.norm);
+            ray.require(multiplier.abs());
         }
     });
-    tally.terminal_set(problem, solution);
-    let separation = -tally.product;
-    let certificate = if separation > 0.0 && adjoint.is_finite() {
-        InfeasibilityCertificate {
-            residual: adjoint / separation,
-            sign_violation: tally.sign_violation / separation,
-        }
+    ray.add_terminal_set(problem, solution);
+    let separation = -ray.product;
+    let (residual, sign_violation) = if separation > 0.0 && adjoint.is_finite() {
+        (adjoint / separation, ray.sign_violation / separation)
     } else {
-        InfeasibilityCertificate {
-            residual: f64::INFINITY,
-            sign_violation: f64::INFINITY,
-        }
+        (f64::INFINITY, f64::INFINITY)
     };
-    (certificate, tally.blame())
+    let certificate = InfeasibilityCertificate {
+        residual,
+        sign_violation,
+    };
+    let blame = if residual.is_finite() {
+        Blame::of_ray(problem, solution)
+    } else {
+        Blame::default()
+    };
+    (certificate, blame)
 }
 
-/// Charges of one group: its total, and the place where the most was charged.
-#[derive(Default, Clone, Copy)]
-struct Account {
-    total: f64,
-    here: Option<(Place, f64)>,
-    worst: Option<(Place, f64)>,
-    range: Option<(Place, Place)>,
-}
-
-impl Account {
-    /// Books what was charged at the present place and moves on.
-    fn close(&mut self, negligible: f64) {
-        let Some((place, amount)) = self.here.take() else {
-            return;
-        };
-        if amount <= negligible {
-            return;
-        }
-        let first = self.range.map_or(place, |(first, _)| first);
-        self.range = Some((first, place));
-        if self.worst.is_none_or(|(_, most)| amount > most) {
-            self.worst = Some((place, amount));
-        }
-    }
-}
-
-/// Running sums over the constraints; charges of one group and place arrive one after another.
-struct Tally {
+/// Running `b'y` and the worst sign.
+#[derive(Default)]
+struct Ray {
     product: f64,
     sign_violation: f64,
-    /// Amount at one place that does not count.
-    negligible: f64,
-    accounts: [(ConstraintGroup, Account); 5],
 }
 
-impl Tally {
-    fn new(negligible: f64) -> Self {
-        let groups = [
-            ConstraintGroup::InputBounds,
-            ConstraintGroup::RateLimits,
-            ConstraintGroup::StateBounds,
-            ConstraintGroup::Rows,
-            ConstraintGroup::TerminalSet,
-        ];
-        let accounts = groups.map(|group| (group, Account::default()));
-        Self {
-            product: 0.0,
-            sign_violation: 0.0,
-            negligible,
-            accounts,
-        }
+impl Ray {
+    fn require(&mut self, violation: f64) {
+        self.sign_violation = self.sign_violation.max(violation);
     }
 
-    fn charge(&mut self, group: ConstraintGroup, place: Place, amount: f64) {
-        let Some((_, account)) = self.accounts.iter_mut().find(|(of, _)| *of == group) else {
-            return;
-        };
-        account.total += amount;
-        match &mut account.here {
-            Some((at, sum)) if *at == place => *sum += amount,
-            _ => {
-                account.close(self.negligible);
-                account.here = Some((place, amount));
-            }
-        }
-    }
-
-    fn terminal_set<const NX: usize, const NU: usize>(
+    fn add_terminal_set<const NX: usize, const NU: usize>(
         &mut self,
         problem: &OcpQp<NX, NU>,
         solution: &Solution<NX, NU>,
     ) {
-        let (group, place) = (ConstraintGroup::TerminalSet, Place::Terminal);
-        let soft = problem.softening().terminal_set.is_soft();
+        let group = ConstraintGroup::TerminalSet;
+        let soft = problem.softening().of(group).is_soft();
         match (&problem.terminal().set, &solution.multipliers.terminal.set) {
             (TerminalSet::Equality { target }, TerminalSetMultipliers::Equality(multiplier)) => {
-                self.sign_violation =
-                    self.sign_violation
-                        .max(if soft { multiplier.amax() } else { 0.0 });
+                self.require(if soft { multiplier.amax() } else { 0.0 });
                 self.product += multiplier.dot(target);
-                self.charge(group, place, multiplier.lp_norm(1));
             }
             (
                 TerminalSet::Ellipsoid { .. },
@@ -234,36 +170,14 @@ impl Tally {
                 let Some(cone) = problem.terminal_cone() else {
                     return;
                 };
-                let beyond = if soft {
+                self.require(if soft {
                     radius.abs()
                 } else {
                     offset.norm() - radius
-                };
-                self.sign_violation = self.sign_violation.max(beyond);
-                let force = cone.factor * offset;
-                self.product += cone.radius * radius - force.dot(cone.center);
-                self.charge(group, place, force.norm());
+                });
+                self.product += cone.radius * radius - (cone.factor * offset).dot(cone.center);
             }
             _ => {}
         }
-    }
-
-    fn blame(self) -> Blame {
-        let whole: f64 = self.accounts.iter().map(|(_, account)| account.total).sum();
-        let mut entries = self.accounts.map(|(group, ref mut account)| {
-            account.close(self.negligible);
-            let (worst, range) = (account.worst?, account.range?);
-            let share = account.total / whole;
-            Some(BlameEntry {
-                group,
-                share,
-                worst: worst.0,
-                first: range.0,
-                last: range.1,
-            })
-        });
-        let share = |entry: &Option<BlameEntry>| entry.map_or(0.0, |entry| entry.share);
-        entries.sort_by(|one, other| share(other).total_cmp(&share(one)));
-        Blame { entries }
     }
 }

@@ -1,10 +1,9 @@
 //! The problem's scalar inequalities, one by one, each with its multiplier and slack.
 //!
-//! The one enumeration behind the residuals, the infeasibility certificate and the blame. Solvers keep their own, so
+//! The one enumeration behind the residuals and the infeasibility certificate. Solvers keep their own, so
 //! that an error in a solver's bookkeeping shows in the residuals. The terminal equality and ellipsoid are not scalar
 //! inequalities and are left to the callers.
 
-use crate::error::Place;
 use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
 use crate::problem::OcpQp;
 use crate::softening::ConstraintGroup;
@@ -15,12 +14,9 @@ use crate::terminal::TerminalSet;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ScalarConstraint {
     pub(crate) group: ConstraintGroup,
-    pub(crate) place: Place,
     pub(crate) left: f64,
     /// Right-hand side with the given `x_0` and `u_{-1}` moved into it; infinite where absent.
     pub(crate) right: f64,
-    /// Euclidean norm of the coefficients of the unknowns.
-    pub(crate) norm: f64,
     pub(crate) multiplier: f64,
     pub(crate) slack: f64,
 }
@@ -44,20 +40,14 @@ fn inputs_and_rates<const NX: usize, const NU: usize>(
     k: usize,
     visit: &mut impl FnMut(ScalarConstraint),
 ) {
-    let (stage, multipliers, place) = (
-        &problem.stages()[k],
-        &solution.multipliers.stages[k],
-        Place::Stage(k),
-    );
+    let (stage, multipliers) = (&problem.stages()[k], &solution.multipliers.stages[k]);
     for i in 0..NU {
         let u = solution.u[k][i];
-        let mut emit = |group, left, right, norm, multiplier| {
+        let mut emit = |group, left, right, multiplier| {
             visit(ScalarConstraint {
                 group,
-                place,
                 left,
                 right,
-                norm,
                 multiplier,
                 slack: 0.0,
             });
@@ -66,32 +56,28 @@ fn inputs_and_rates<const NX: usize, const NU: usize>(
             ConstraintGroup::InputBounds,
             u,
             stage.u_max[i],
-            1.0,
             multipliers.u_max[i],
         );
         emit(
             ConstraintGroup::InputBounds,
             -u,
             -stage.u_min[i],
-            1.0,
             multipliers.u_min[i],
         );
-        let (step, given, norm) = match k {
-            0 => (u, problem.previous_input()[i], 1.0),
-            _ => (u - solution.u[k - 1][i], 0.0, std::f64::consts::SQRT_2),
+        let (step, given) = match k {
+            0 => (u, problem.previous_input()[i]),
+            _ => (u - solution.u[k - 1][i], 0.0),
         };
         emit(
             ConstraintGroup::RateLimits,
             step,
             stage.du_max[i] + given,
-            norm,
             multipliers.du_max[i],
         );
         emit(
             ConstraintGroup::RateLimits,
             -step,
             -stage.du_min[i] - given,
-            norm,
             multipliers.du_min[i],
         );
     }
@@ -108,7 +94,6 @@ fn states_and_rows<const NX: usize, const NU: usize>(
         &solution.multipliers.stages[k],
         &solution.slacks.stages[k],
     );
-    let place = Place::Stage(k);
     if k > 0 {
         for i in 0..NX {
             let x = solution.x[k][i];
@@ -116,10 +101,8 @@ fn states_and_rows<const NX: usize, const NU: usize>(
                 let group = ConstraintGroup::StateBounds;
                 visit(ScalarConstraint {
                     group,
-                    place,
                     left,
                     right,
-                    norm: 1.0,
                     multiplier,
                     slack,
                 });
@@ -130,26 +113,16 @@ fn states_and_rows<const NX: usize, const NU: usize>(
     }
     for (i, row) in stage.rows.iter().enumerate() {
         let of_input = row.h_u.dot(&solution.u[k]);
-        let (left, right, squared) = match k {
-            0 => (
-                of_input,
-                row.upper - row.g_x.dot(problem.initial_state()),
-                row.h_u.norm_squared(),
-            ),
-            _ => (
-                of_input + row.g_x.dot(&solution.x[k]),
-                row.upper,
-                row.h_u.norm_squared() + row.g_x.norm_squared(),
-            ),
+        let (left, right) = match k {
+            0 => (of_input, row.upper - row.g_x.dot(problem.initial_state())),
+            _ => (of_input + row.g_x.dot(&solution.x[k]), row.upper),
         };
-        let (group, norm) = (ConstraintGroup::Rows, squared.sqrt());
+        let group = ConstraintGroup::Rows;
         let (multiplier, slack) = (multipliers.rows[i], slacks.rows[i]);
         visit(ScalarConstraint {
             group,
-            place,
             left,
             right,
-            norm,
             multiplier,
             slack,
         });
@@ -166,16 +139,14 @@ fn at_the_end<const NX: usize, const NU: usize>(
         &solution.multipliers.terminal,
         &solution.slacks.terminal,
     );
-    let (place, x) = (Place::Terminal, &solution.x[problem.horizon()]);
+    let x = &solution.x[problem.horizon()];
     for i in 0..NX {
         let mut emit = |left, right, multiplier, slack| {
             let group = ConstraintGroup::StateBounds;
             visit(ScalarConstraint {
                 group,
-                place,
                 left,
                 right,
-                norm: 1.0,
                 multiplier,
                 slack,
             });
@@ -200,15 +171,13 @@ fn at_the_end<const NX: usize, const NU: usize>(
     ) = (&terminal.set, &multipliers.set, &slacks.set)
     {
         for (i, face) in faces.iter().enumerate() {
-            let (group, norm) = (ConstraintGroup::TerminalSet, face.normal.norm());
+            let group = ConstraintGroup::TerminalSet;
             let (left, right) = (face.normal.dot(x), face.upper);
             let (multiplier, slack) = (multipliers[i], slacks[i]);
             visit(ScalarConstraint {
                 group,
-                place,
                 left,
                 right,
-                norm,
                 multiplier,
                 slack,
             });

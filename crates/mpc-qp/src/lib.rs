@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod blame;
 mod certificate;
 mod constraints;
 mod error;
@@ -18,9 +19,8 @@ mod validation;
 pub mod conic;
 pub mod problems;
 
-pub use certificate::{
-    Blame, BlameEntry, InfeasibilityCertificate, cancel_opposite_multipliers, examine_certificate,
-};
+pub use blame::{Blame, BlameEntry};
+pub use certificate::{InfeasibilityCertificate, cancel_opposite_multipliers, examine_certificate};
 pub use conic::ClarabelSolver;
 pub use error::{Place, ProblemError, SolveError};
 pub use multipliers::{

@@ -4,7 +4,7 @@
 //! [`crate::Multipliers`] it evaluates stationarity, dynamics, constraints, signs of the multipliers and complementarity.
 
 use crate::constraints::for_each_scalar;
-use crate::lagrangian::LagrangianGradient;
+use crate::lagrangian::{Balance, LagrangianGradient, Terms};
 use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
 use crate::problem::OcpQp;
 use crate::softening::Penalty;
@@ -12,48 +12,60 @@ use crate::solution::Solution;
 use crate::terminal::TerminalSet;
 use nalgebra::SVector;
 
-/// Largest magnitude; NaN if some entry is, which `amax` would pass over.
-fn largest<const M: usize>(vector: &SVector<f64, M>) -> f64 {
-    let larger = |most: f64, value: f64| {
-        if value <= most || most.is_nan() {
-            most
-        } else {
-            value
-        }
-    };
-    vector.iter().map(|value| value.abs()).fold(0.0, larger)
+fn sum<const N: usize, const COUNT: usize>(
+    terms: Terms,
+    vectors: [SVector<f64, N>; COUNT],
+) -> Balance<N> {
+    let mut balance = Balance::new(terms);
+    vectors.into_iter().for_each(|vector| balance.add(vector));
+    balance
 }
 
-/// A violation and the size of the terms that should have cancelled.
+/// How far conditions are violated.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Residual {
-    /// Largest violation, in the unit of the condition.
+    /// Largest violation, in the unit of its condition.
     pub absolute: f64,
-    /// Largest term met in these conditions.
-    pub scale: f64,
+    /// Largest violation relative to the terms of its own condition.
+    ratio: f64,
 }
 
 impl Residual {
-    /// `absolute / max(1, scale)`, infinite unless both are finite.
+    /// The largest of `violation / max(1, terms)` over the scalar conditions, with the largest term that should have cancelled in
+    /// that very condition: a huge component hides nothing of a small one beside it. Infinite unless all are finite.
     #[must_use]
     pub fn relative(&self) -> f64 {
-        if self.absolute.is_finite() && self.scale.is_finite() {
-            self.absolute / self.scale.max(1.0)
+        self.ratio
+    }
+
+    /// NaN and infinite terms count as infinite violations; a condition without a limit comes as minus infinity and holds.
+    fn record(&mut self, violation: f64, terms: f64) {
+        if violation < f64::INFINITY && terms.is_finite() {
+            self.absolute = self.absolute.max(violation);
+            let size = terms.max(1.0);
+            if violation > self.ratio * size {
+                self.ratio = violation / size;
+            }
         } else {
-            f64::INFINITY
+            (self.absolute, self.ratio) = (f64::INFINITY, f64::INFINITY);
         }
     }
 
-    /// NaN and infinite scales count as infinite violations; a condition without a limit comes as minus infinity and holds.
-    fn record(&mut self, violation: f64, scale: f64) {
-        if violation < f64::INFINITY && scale.is_finite() {
-            self.absolute = self.absolute.max(violation);
-            self.scale = self.scale.max(scale);
-        } else {
-            self.absolute = f64::INFINITY;
+    /// A condition for each component. The cheap terms serve where they already show what is negligible.
+    fn record_each<const M: usize>(&mut self, balance: impl Fn(Terms) -> Balance<M>) {
+        let mut found = balance(Terms::Products);
+        let negligible = |(rest, terms): (&f64, &f64)| rest.abs() <= NEGLIGIBLE * terms.max(1.0);
+        if !found.sum.iter().zip(&found.scale).all(negligible) {
+            found = balance(Terms::Summands);
+        }
+        for (violation, &terms) in found.sum.iter().zip(&found.scale) {
+            self.record(violation.abs(), terms);
         }
     }
 }
+
+/// Relative violation below which it does not matter how large the terms are within a matrix-vector product.
+const NEGLIGIBLE: f64 = 1e-10;
 
 /// The optimality conditions at a solution.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -66,7 +78,7 @@ pub struct Residuals {
     pub constraints: Residual,
     /// Multipliers below zero, outside the cone, or above the price of an exact penalty.
     pub multiplier_signs: Residual,
-    /// Sum of multiplier times distance to the constraint: the duality gap; its scale is the objective.
+    /// Sum of multiplier times distance to the constraint, the duality gap; relative to the objective.
     pub complementarity: Residual,
 }
 
@@ -78,17 +90,13 @@ impl Residuals {
         solution: &Solution<NX, NU>,
     ) -> Self {
         let mut residuals = Self::default();
-        residuals.add_stationarity(&LagrangianGradient {
-            problem,
-            solution,
-            with_cost: true,
-        });
+        residuals.add_stationarity(problem, solution);
         residuals.add_dynamics(problem, solution);
         residuals.add_scalar_constraints(problem, solution);
         residuals.add_terminal_set(problem, solution);
-        residuals.complementarity.scale = problem
-            .objective(&solution.x, &solution.u, &solution.slacks)
-            .abs();
+        let gap = std::mem::take(&mut residuals.complementarity).absolute;
+        let objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
+        residuals.complementarity.record(gap, objective.abs());
         residuals
     }
 
@@ -109,15 +117,20 @@ impl Residuals {
 
     fn add_stationarity<const NX: usize, const NU: usize>(
         &mut self,
-        gradient: &LagrangianGradient<'_, NX, NU>,
+        problem: &OcpQp<NX, NU>,
+        solution: &Solution<NX, NU>,
     ) {
-        for k in 0..gradient.problem.horizon() {
-            let of_input = gradient.input(k);
+        let gradient = |terms| LagrangianGradient {
+            problem,
+            solution,
+            with_cost: true,
+            terms,
+        };
+        for k in 0..problem.horizon() {
             self.stationarity
-                .record(largest(&of_input.sum), of_input.scale);
-            let of_state = gradient.state(k + 1);
+                .record_each(|terms| gradient(terms).input(k));
             self.stationarity
-                .record(largest(&of_state.sum), of_state.scale);
+                .record_each(|terms| gradient(terms).state(k + 1));
         }
     }
 
@@ -126,13 +139,15 @@ impl Residuals {
         problem: &OcpQp<NX, NU>,
         solution: &Solution<NX, NU>,
     ) {
-        let wrong_start = solution.x[0] - problem.initial_state();
         self.dynamics
-            .record(largest(&wrong_start), problem.initial_state().amax());
+            .record_each(|terms| sum(terms, [-solution.x[0], *problem.initial_state()]));
         for (k, stage) in problem.stages().iter().enumerate() {
-            let gap = stage.successor(&solution.x[k], &solution.u[k]) - solution.x[k + 1];
-            self.dynamics
-                .record(largest(&gap), solution.x[k + 1].amax().max(stage.c.amax()));
+            self.dynamics.record_each(|terms| {
+                let mut balance = sum(terms, [-solution.x[k + 1], stage.c]);
+                balance.add_product(&stage.a, &solution.x[k]);
+                balance.add_product(&stage.b, &solution.u[k]);
+                balance
+            });
         }
     }
 
@@ -150,12 +165,7 @@ impl Residuals {
                 return;
             }
             let distance = constraint.right + slack - constraint.left;
-            // A bound far away is no term that cancels: 1e20 for "absent" must not hide the violation of another.
-            let terms = if distance < 0.0 {
-                constraint.left.abs().max(constraint.right.abs())
-            } else {
-                constraint.left.abs()
-            };
+            let terms = constraint.left.abs().max(constraint.right.abs());
             self.constraints.record(-distance, terms);
             self.complementarity.absolute += (multiplier * distance).abs();
             self.add_slack(problem.softening().of(constraint.group), slack, multiplier);
@@ -198,10 +208,8 @@ impl Residuals {
                 TerminalSetMultipliers::Equality(multiplier),
                 TerminalSetSlacks::Equality(violation),
             ) => {
-                self.dynamics.record(
-                    largest(&(x - target - violation)),
-                    x.amax().max(target.amax()),
-                );
+                self.dynamics
+                    .record_each(|terms| sum(terms, [*x, -target, -violation]));
                 for i in 0..NX {
                     // The penalty is on |violation|: its multiplier has the violation's sign.
                     let along = if violation[i] == 0.0 {

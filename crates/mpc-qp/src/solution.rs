@@ -1,6 +1,7 @@
 //! What a solve gives back, in memory laid out once.
 
-use crate::certificate::{Blame, InfeasibilityCertificate};
+use crate::blame::Blame;
+use crate::certificate::InfeasibilityCertificate;
 use crate::error::SolveError;
 use crate::multipliers::{Multipliers, Slacks, TerminalSetMultipliers, TerminalSetSlacks};
 use crate::problem::OcpQp;

@@ -2,16 +2,13 @@
 
 use super::inequality::{Inequality, Side};
 use super::layout::Layout;
-use crate::certificate::{cancel_opposite_multipliers, examine_certificate};
+use crate::certificate::{cancel_opposite_multipliers, examine_certificate, make_exact};
 use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
 use crate::problem::OcpQp;
 use crate::softening::Penalty;
 use crate::solution::{Solution, SolveStatus};
 use clarabel::solver::{DefaultSolution, SolverStatus};
 use nalgebra::SVector;
-
-/// Worst shared residual at which a solve that stopped early still counts as an inaccurate solution.
-pub(super) const INACCURATE: f64 = 1e-5;
 
 /// `price` turns Clarabel's multipliers, those of the scaled cost, into the problem's.
 pub(super) fn extract<const NX: usize, const NU: usize>(
@@ -164,27 +161,43 @@ fn terminal_set<const NX: usize, const NU: usize>(
     }
 }
 
-/// Clarabel's verdict, checked against the problem where it claims a proof or an almost-solution.
+/// Clarabel's verdict, checked against the problem where it claims a proof or an almost-solution; `usable` is the worst shared
+/// residual of an answer that is of use.
 pub(super) fn status<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     verdict: SolverStatus,
+    usable: f64,
     solution: &mut Solution<NX, NU>,
 ) -> SolveStatus {
     match verdict {
         SolverStatus::Solved => SolveStatus::Solved,
-        SolverStatus::PrimalInfeasible => {
-            cancel_opposite_multipliers(&mut solution.multipliers);
-            let (certificate, blame) = examine_certificate(problem, solution);
-            if certificate.residual.is_finite() {
-                SolveStatus::PrimalInfeasible { certificate, blame }
-            } else {
-                SolveStatus::NumericalTrouble
-            }
-        }
+        SolverStatus::PrimalInfeasible => proof(problem, solution),
         SolverStatus::DualInfeasible => SolveStatus::DualInfeasible,
         SolverStatus::MaxIterations => SolveStatus::IterationLimit,
         SolverStatus::MaxTime => SolveStatus::TimeLimit,
-        _ if solution.residuals.worst() <= INACCURATE => SolveStatus::SolvedInaccurate,
+        _ if solution.residuals.worst() <= usable => SolveStatus::SolvedInaccurate,
         _ => SolveStatus::NumericalTrouble,
+    }
+}
+
+/// The ray as it came or made exact, whichever proves more.
+fn proof<const NX: usize, const NU: usize>(
+    problem: &OcpQp<NX, NU>,
+    solution: &mut Solution<NX, NU>,
+) -> SolveStatus {
+    cancel_opposite_multipliers(&mut solution.multipliers);
+    let (mut certificate, mut blame) = examine_certificate(problem, solution);
+    let given = solution.multipliers.clone();
+    make_exact(problem, solution);
+    let exact = examine_certificate(problem, solution);
+    if exact.0.residual < certificate.residual {
+        (certificate, blame) = exact;
+    } else {
+        solution.multipliers = given;
+    }
+    if certificate.residual.is_finite() {
+        SolveStatus::PrimalInfeasible { certificate, blame }
+    } else {
+        SolveStatus::NumericalTrouble
     }
 }

@@ -214,7 +214,8 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         let price = self.cost_scale.recip();
         extraction::extract(problem, &self.layout, &solver.solution, price, solution);
         solution.evaluate(problem);
-        solution.status = extraction::status(problem, solver.solution.status, solution);
+        let usable = usable_residual(self.settings.tolerance);
+        solution.status = extraction::status(problem, solver.solution.status, usable, solution);
     }
 
     /// A second pass with gap tolerances that ask in the problem's units what the first asked in scaled ones: where the

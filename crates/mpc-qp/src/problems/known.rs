@@ -98,13 +98,13 @@ fn double_integrator() -> Stage<2, 1> {
     Stage::new(Matrix2::new(1.0, 0.1, 0.0, 1.0), Vector2::new(0.005, 0.1))
 }
 
-/// The straight needle (depth and roll, `x_{k+1} = x_k + dt u_k`, dt = 0.1 s) with Q = 10 I, R = I and P from the Riccati
-/// equation, unconstrained. The equation is scalar, `dt^2 P^2 - q dt^2 P - q r = 0` with root P = 37.0156, and
+/// Two integrators `x_{k+1} = x_k + dt u_k`, dt = 0.1 s (depth and roll of a straight needle) with Q = 10 I, R = I and P from the
+/// Riccati equation, unconstrained. The equation is scalar, `dt^2 P^2 - q dt^2 P - q r = 0` with root P = 37.0156, and
 /// `u = -K x`, K = P dt / (r + P dt^2) = 2.70156, at every stage.
 ///
 /// # Errors
 /// [`ProblemError`] for an empty horizon or a start that is not finite.
-pub fn straight_needle(
+pub fn integrators_at_their_gain(
     x_0: Vector2<f64>,
     horizon: usize,
 ) -> Result<KnownProblem<2, 2>, ProblemError> {

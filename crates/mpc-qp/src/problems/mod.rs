@@ -5,7 +5,6 @@
 
 mod draw;
 pub mod known;
-
 pub mod random;
 mod recipe;
 pub mod tracking;

@@ -1,6 +1,6 @@
 //! The benchmark: six states, two inputs with rate limits, tracking of a helix by a unicycle in space.
 //!
-//! A tip moves along its axis at `v = 10 mm/s`, turns about it at `omega = 1 rad/s` and bends with curvature 1/150 per mm. The
+//! The tip of a steered needle is such a unicycle, as is a fixed-wing aircraft. It moves along its axis at `v = 10 mm/s`, turns about it at `omega = 1 rad/s` and bends with curvature 1/150 per mm. The
 //! left-invariant error (mm, rad) obeys `e_{k+1} = A e_k + B (u_k - u_r)`, `A = exp(-ad_V dt)`,
 //! `B = integral of exp(-ad_V s) ds [V1 V2]` over dt = 0.1 s. Limits: v in [0, 20] mm/s, |omega| <= 12.7 rad/s, steps of at
 //! most 3 mm/s and 0.5 rad/s. Q = diag(1, 1, 1, 10, 10, 1), R = 0.1 I.
