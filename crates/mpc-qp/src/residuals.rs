@@ -28,7 +28,13 @@ pub struct Residual {
     pub absolute: f64,
     /// Largest violation relative to the terms of its own condition.
     ratio: f64,
+    /// Largest term of all conditions of the kind.
+    largest: f64,
 }
+
+/// Part of the largest term of all gradients below which no gradient is measured in [`Residuals::worst`]: solvers converge relative to
+/// the norm of all of them, and a hundred of their tolerances is what an answer may leave.
+const LEAST_PART: f64 = 0.01;
 
 impl Residual {
     /// The largest of `violation / max(1, terms)` over the scalar conditions, with the largest term that should have cancelled in
@@ -42,6 +48,7 @@ impl Residual {
     fn record(&mut self, violation: f64, terms: f64) {
         if violation < f64::INFINITY && terms.is_finite() {
             self.absolute = self.absolute.max(violation);
+            self.largest = self.largest.max(terms);
             let size = terms.max(1.0);
             if violation > self.ratio * size {
                 self.ratio = violation / size;
@@ -100,11 +107,16 @@ impl Residuals {
         residuals
     }
 
-    /// The largest of the relative residuals.
+    /// The largest of the relative residuals, that of stationarity relative to a hundredth of the largest term of all gradients at least.
     #[must_use]
     pub fn worst(&self) -> f64 {
+        let Residual {
+            absolute,
+            ratio,
+            largest,
+        } = self.stationarity;
+        let stationarity = ratio.min(absolute / (LEAST_PART * largest).max(1.0));
         [
-            self.stationarity,
             self.dynamics,
             self.constraints,
             self.multiplier_signs,
@@ -112,7 +124,7 @@ impl Residuals {
         ]
         .iter()
         .map(Residual::relative)
-        .fold(0.0, f64::max)
+        .fold(stationarity, f64::max)
     }
 
     fn add_stationarity<const NX: usize, const NU: usize>(
