@@ -188,6 +188,56 @@ fn too_many_rows_meet_their_cap_and_say_so() {
     assert!(matches!(full.determination, Determination::Determined { .. }) && full.rows.len() > 8);
 }
 
+/// x+ = x/2 in the box |x1|, |x2| <= `limit`, with a further half-space.
+fn box_with(limit: f64, further: &[f64], bound: f64) -> PolytopeClaim {
+    let system = System {
+        a: mat![[0.5, 0.0], [0.0, 0.5]],
+        b: mat![[1.0], [1.0]],
+        q: mat![[1.0, 0.0], [0.0, 1.0]],
+        r: mat![[1.0]],
+    };
+    let mut solution = system.dare().solve().unwrap();
+    solution.k = mat![[0.0, 0.0]];
+    let sides = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
+    let constraints = sides.iter().try_fold(Constraints::new(2, 1), |all, side| {
+        all.with_state_half_space("side", side, limit)
+    });
+    let constraints = constraints
+        .and_then(|c| c.with_state_half_space("further", further, bound))
+        .unwrap();
+    PolytopeClaim::maximal(&system.dare(), &solution, constraints, CAPS).unwrap()
+}
+
+#[test]
+fn the_length_of_a_row_does_not_change_what_is_said_of_it() {
+    for unit in [1e-200, 1e-12, 1.0, 1e12] {
+        let free = box_with(1.0, &[unit, unit], 3.0 * unit);
+        // x1 + x2 reaches 2 over the box.
+        let reach = free.set.support(&[unit, unit]).unwrap().unwrap();
+        assert!((reach / unit - 2.0).abs() < 1e-12, "{reach:e}");
+        let mut tight = box_with(1.0, &[unit, unit], 0.5 * unit);
+        assert!(tight.certify().holds());
+        tight.set = free.set;
+        for refuted in [tight.certify(), tight.prove()] {
+            let failure = refuted.failures().find(|check| check.name == "further");
+            let factor = failure.unwrap().witness.as_ref().unwrap().factor;
+            assert!((factor - 4.0).abs() < 1e-11, "{unit:e}: {factor}");
+        }
+    }
+}
+
+#[test]
+fn bounds_far_below_one_are_told_apart() {
+    // Steps that differ by a tenth at 1e-12 are no tie: the cut at 1.9 of the corner's 2 stays.
+    for unit in [1e-15, 1e-12, 1.0] {
+        let claim = box_with(unit, &[1.0, 1.0], 1.9 * unit);
+        let reach = claim.set.support(&[1.0, 1.0]).unwrap().unwrap();
+        assert!((reach / unit - 1.9).abs() < 1e-9, "{unit:e}: {reach:e}");
+        assert_eq!(claim.set.rows.len(), 5);
+        assert!(claim.certify().holds() && claim.provable(CAPS).is_ok());
+    }
+}
+
 #[test]
 fn the_unit_of_the_state_does_not_change_the_polytope() {
     let system = System::random(&mut Source(5), 3, 1, 0.9, 0.0);
