@@ -108,6 +108,49 @@ fn the_half_line_of_a_one_sided_limit_is_proved_as_it_is_stored() {
 }
 
 #[test]
+fn one_sided_inputs_pass_their_own_certificate() {
+    // 0 <= u0 <= 1 under random laws: the origin is on the boundary, and a zero limit has no size that rounding could be relative to.
+    let mut determined = 0;
+    for seed in 0..40 {
+        let mut source = Source(seed);
+        let n = 2 + (seed % 2) as usize;
+        let system = System::random(&mut source, n, 1, 0.9, 0.5);
+        let solution = system.dare().solve().unwrap();
+        let boxed = (0..n).try_fold(Constraints::new(n, 1), |all, j| {
+            let axis = |sign: f64| -> Vec<f64> {
+                (0..n).map(|i| if i == j { sign } else { 0.0 }).collect()
+            };
+            all.with_state_half_space("above", &axis(1.0), 1.0)?
+                .with_state_half_space("below", &axis(-1.0), 1.0)
+        });
+        let constraints = boxed
+            .and_then(|c| c.with_input_box(&[0.0], &[1.0]))
+            .unwrap();
+        let claim = PolytopeClaim::maximal(&system.dare(), &solution, constraints, CAPS).unwrap();
+        if !matches!(claim.set.determination, Determination::Determined { .. }) {
+            continue;
+        }
+        determined += 1;
+        let certificate = claim.certify();
+        assert!(certificate.holds(), "{seed}: {certificate}");
+        assert!(
+            certificate
+                .checks
+                .iter()
+                .all(|check| check.margin.is_finite()),
+            "{certificate}"
+        );
+        // What violates a zero limit beyond rounding still fails.
+        let mut wrong = claim.clone();
+        for row in &mut wrong.set.rows {
+            row.bound += 1e-6;
+        }
+        assert!(!wrong.certify().holds(), "{seed}");
+    }
+    assert!(determined >= 20, "{determined}");
+}
+
+#[test]
 fn a_row_that_misses_by_one_rounding_is_not_proved() {
     // x+ = x/2 in |x| <= 1 is proved; the limit lowered by one ulp is not, and no floating-point check sees it.
     let system = System {
