@@ -108,6 +108,7 @@ impl AdmissibleSet {
                 MatRef::from_column_major_slice(&row.row, row.row.len(), 1),
                 (n, 1),
             )?;
+            input::finite_not_negative("bound", row.bound)?;
         }
         let spectral_radius = spectrum::largest_modulus(&a).unwrap_or(f64::NAN);
         if !(spectral_radius < 1.0) {
