@@ -237,7 +237,7 @@ fn without_redundancy(mut rows: Vec<SetRow>, room: f64) -> Vec<SetRow> {
             .enumerate()
             .filter(|&(i, _)| i != at)
             .map(|(_, row)| row);
-        // Strictly within rounding here: a row must not vanish together with its twin's slack.
+        // One row at a time, against those that are still there: of two that imply each other one stays.
         if is_implied(&rows[at], others, room) {
             rows.remove(at);
         }

@@ -51,7 +51,7 @@ proptest! {
             // Margins of 1e-8 on the limits and on the law; the law's is amplified by the steps looked ahead.
             prop_assert!(kept <= all * (1.0 + 1e-8) && kept > all * (1.0 - 1e-5), "{kept} of {all}");
         }
-        // A row that is moved in is admissible and no longer invariant, or implied by others: a proof never says more than that.
+        // Rows that are moved out leave some limit or the invariance violated: a proof never says more than that.
         let mut wrong = proved.clone();
         for row in &mut wrong.set.rows {
             row.bound *= 1.0 + 1e-4;
