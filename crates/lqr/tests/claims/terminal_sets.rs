@@ -375,7 +375,7 @@ fn a_bound_that_is_none_is_refused() {
 }
 
 #[test]
-fn without_a_weight_on_the_rate_the_augmented_law_is_the_plain_one_and_no_set_is_bounded() {
+fn without_a_weight_on_the_rate_the_augmented_law_is_the_plain_one() {
     let system = System::random(&mut Source(12), 3, 2, 1.2, 0.5);
     let plain = system.dare().solve().unwrap();
     let augmented = RateAugmented::new(
