@@ -34,6 +34,12 @@ pub(crate) fn loses_its_sign(p: &Mat<f64>) -> bool {
     indefinite_at_unit_diagonal(p, VANISHING, 1e3 * ROUNDING).is_some()
 }
 
+/// The least eigenvalue and what was allowed if a P, given or computed, is indefinite in whatever units, else `None`: every P that
+/// `Dare` returns passes, and so does a given one that rounding made negative.
+pub(crate) fn indefinite_cost(p: &Mat<f64>) -> Option<(f64, f64)> {
+    indefinite(p).or_else(|| indefinite_weight(p).filter(|_| loses_its_sign(p)))
+}
+
 /// With `allowed` of the largest entry added to the diagonal, and the diagonal then scaled to one, up to `rounding` a row.
 fn indefinite_at_unit_diagonal(w: &Mat<f64>, allowed: f64, rounding: f64) -> Option<(f64, f64)> {
     let n = w.nrows();

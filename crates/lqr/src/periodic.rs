@@ -7,7 +7,7 @@
 use crate::chain::{BackwardChain, Stage, backward, validated};
 use crate::chain_error::ChainError;
 use crate::conditioning::{Conditioning, SLOW, condition};
-use crate::definiteness::indefinite;
+use crate::definiteness::indefinite_cost;
 use crate::dense::{add_scaled, congruence, identity, mul, norm, symmetrise, tr_mul};
 use crate::doubling::StageMap;
 use crate::hautus::{self, UncontrollableMode};
@@ -109,7 +109,7 @@ impl Period {
     fn is_stabilising(&self) -> bool {
         self.spectral_radius < 1.0
             && self.relative_residual <= ACCEPTED_RESIDUAL
-            && self.chain.p.iter().all(|p| indefinite(p).is_none())
+            && self.chain.p.iter().all(|p| indefinite_cost(p).is_none())
     }
 
     fn solution(self, weakest_mode: Option<UncontrollableMode>) -> PeriodicSolution {

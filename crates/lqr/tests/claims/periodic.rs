@@ -230,6 +230,23 @@ fn a_period_that_overflows_is_an_error() {
 }
 
 #[test]
+fn a_negative_terminal_weight_in_small_units_is_refused() {
+    let eye = Mat::<f64>::identity(2, 2);
+    let stage = Stage::new(eye.as_ref(), eye.as_ref(), eye.as_ref(), eye.as_ref());
+    let with = |least: f64| {
+        let terminal = mat![[1e12, 0.0], [0.0, least]];
+        BackwardChain::solve(&[stage; 2], terminal.as_ref())
+    };
+    let refused = with(-1.0);
+    assert!(
+        matches!(refused, Err(ChainError::IndefiniteWeight { stage: 2, name: "P", eigenvalue }) if (eigenvalue + 1.0).abs() < 1e-3),
+        "{refused:?}"
+    );
+    // A tenth of an ulp of the largest entry is rounding.
+    assert!(with(-1e-5).is_ok() && with(1.0).is_ok());
+}
+
+#[test]
 fn a_period_of_a_day_in_minutes_is_solved_within_seconds() {
     // 1440 stages: as one stage with 1440 inputs the weights alone would take 1440^3 multiplications, and minutes.
     let phase = |i: usize| std::f64::consts::TAU * i as f64 / 1440.0;
