@@ -47,8 +47,7 @@ impl PeriodicSolution {
     pub fn solve(stages: &[Stage<'_>]) -> Result<Self, ChainError> {
         let problems = validated(stages)?;
         let mut best: Option<Period> = None;
-        let starts: [fn(&[Problem]) -> Option<Mat<f64>>; 2] = [composed, iterated];
-        for start in starts {
+        for start in [composed as Start, iterated] {
             let Some(period) = start(&problems).and_then(|p| polished(&problems, p)) else {
                 continue;
             };
@@ -73,6 +72,9 @@ impl PeriodicSolution {
         })
     }
 }
+
+/// A way to a P from which Newton steps may lead to the fixed point.
+type Start = fn(&[Problem]) -> Option<Mat<f64>>;
 
 /// A chain over one period and what it says of its last P as a fixed point.
 struct Period {
