@@ -5,7 +5,7 @@
 //! of Riccati solutions frozen at each i provides.
 
 use crate::chain_error::ChainError;
-use crate::definiteness::indefinite;
+use crate::definiteness::indefinite_cost;
 use crate::dense::norm;
 use crate::input::{self, InputError};
 use crate::riccati::Problem;
@@ -118,7 +118,7 @@ impl BackwardChain {
         let stage = stages.len();
         let terminal = input::symmetric("P", terminal, problems[0].states())
             .map_err(|source| ChainError::Input { stage, source })?;
-        if let Some((eigenvalue, _)) = indefinite(&terminal) {
+        if let Some((eigenvalue, _)) = indefinite_cost(&terminal) {
             return Err(ChainError::IndefiniteWeight {
                 stage,
                 name: "P",

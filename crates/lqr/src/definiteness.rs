@@ -1,7 +1,8 @@
 //! Positive semidefinite up to rounding, of given weights and of computed matrices.
 //!
 //! A *given* weight is judged entry by entry: with T = diag, powers of two, next to the roots of its diagonal, T^-1 W T^-1 has ones there,
-//! whatever the units. What a sum in doubles can leave is an ulp of the largest entry on the diagonal, and rounding of the scaled matrix. A *computed* matrix
+//! whatever the units. A weight that was itself computed, Q - SR^-1S' say, carries some roundings of its
+//! largest entry: two ulps of it are forgiven on the diagonal, and rounding of the scaled matrix. A *computed* matrix
 //! has rounding of the size of its largest entry in each of them, and is judged by that.
 
 use crate::balance::scaled;
@@ -11,6 +12,8 @@ use faer::{Mat, Side};
 
 /// Rounding a row, relative to the diagonal.
 const ROUNDING: f64 = 1e-12;
+/// Of the largest entry of a weight.
+const COMPUTED_BY_HAND: f64 = 2.0 * f64::EPSILON;
 /// Of the largest entry of P: nothing, in double-double.
 const VANISHING: f64 = 1e-24;
 
@@ -26,12 +29,18 @@ pub(crate) fn indefinite(w: &Mat<f64>) -> Option<(f64, f64)> {
 
 /// The least eigenvalue and what was allowed for rounding if the given weight `w` is indefinite, in whatever units, else `None`.
 pub(crate) fn indefinite_weight(w: &Mat<f64>) -> Option<(f64, f64)> {
-    indefinite_at_unit_diagonal(w, 0.5 * f64::EPSILON, ROUNDING)
+    indefinite_at_unit_diagonal(w, COMPUTED_BY_HAND, ROUNDING)
 }
 
 /// Whether a computed P is indefinite where it is small, in whatever units: the rounding of its large entries may hide the sign there.
 pub(crate) fn loses_its_sign(p: &Mat<f64>) -> bool {
     indefinite_at_unit_diagonal(p, VANISHING, 1e3 * ROUNDING).is_some()
+}
+
+/// The least eigenvalue and what was allowed if a P, given or computed, is indefinite in whatever units, else `None`: every P that
+/// `Dare` returns passes, and so does a given one that rounding made negative.
+pub(crate) fn indefinite_cost(p: &Mat<f64>) -> Option<(f64, f64)> {
+    indefinite(p).or_else(|| indefinite_weight(p).filter(|_| loses_its_sign(p)))
 }
 
 /// With `allowed` of the largest entry added to the diagonal, and the diagonal then scaled to one, up to `rounding` a row.

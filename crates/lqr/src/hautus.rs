@@ -4,7 +4,7 @@
 //! how far the pair is from having such a mode with |lambda| >= 1, so the measure is the smallest
 //! singular value of [A - lambda I, B D], where D gives every non-zero column of B the norm of A:
 //! units of an input then do not matter. It is taken at the eigenvalues of A, moved to a local minimum
-//! by alternating w (smallest left singular vector) and lambda = w*Aw, because a defective eigenvalue of multiplicity k is
+//! by alternating w (smallest left singular vector) and the better of lambda = w*Aw and a Newton step, because a defective eigenvalue of multiplicity k is
 //! computed with an error of rounding^(1/k) and the measure there is too large; a minimum inside the circle is then moved
 //! out to it. Not searched: the whole region |lambda| >= 1 (only minima that start at eigenvalues).
 

@@ -2,12 +2,12 @@
 //!
 //! The stages are composed into one map that is doubled; where a singular R forbids that, plain periods start from a positive definite P. Newton
 //! steps on the period polish (the derivative of the period map is X -> M'XM, M the monodromy matrix). The checks are those of the stationary
-//! equation, on the period as one stage with all its inputs at once (`one_stage`).
+//! equation, on the period as one stage with all its inputs at once; its weights (`one_stage`) are formed only where a singular R asks for them.
 
 use crate::chain::{BackwardChain, Stage, backward, validated};
 use crate::chain_error::ChainError;
 use crate::conditioning::{Conditioning, SLOW, condition};
-use crate::definiteness::indefinite;
+use crate::definiteness::indefinite_cost;
 use crate::dense::{add_scaled, congruence, identity, mul, norm, symmetrise, tr_mul};
 use crate::doubling::StageMap;
 use crate::hautus::{self, UncontrollableMode};
@@ -46,23 +46,22 @@ impl PeriodicSolution {
     /// [`ChainError`]; an uncontrollable multiplier of the period is named.
     pub fn solve(stages: &[Stage<'_>]) -> Result<Self, ChainError> {
         let problems = validated(stages)?;
-        let whole = one_stage(&problems);
         let mut best: Option<Period> = None;
-        for start in [composed(&problems), iterated(&problems)] {
-            let Some(period) = start.and_then(|p| polished(&problems, p)) else {
+        for start in [composed as Start, iterated] {
+            let Some(period) = start(&problems).and_then(|p| polished(&problems, p)) else {
                 continue;
             };
             if period.is_stabilising() {
-                let weakest_mode = refuse_unreached(&whole)?;
+                let weakest_mode = refuse_unreached(&problems)?;
                 if period.spectral_radius > SLOW {
-                    refuse_unseen(&problems, &whole, Some(&period.monodromy))?;
+                    refuse_unseen(&problems, Some(&period.monodromy))?;
                 }
                 return Ok(period.solution(weakest_mode));
             }
             best = Some(period);
         }
-        refuse_unreached(&whole)?;
-        refuse_unseen(&problems, &whole, best.as_ref().map(|p| &p.monodromy))?;
+        refuse_unreached(&problems)?;
+        refuse_unseen(&problems, best.as_ref().map(|p| &p.monodromy))?;
         let (relative_residual, spectral_radius) = best
             .map_or((f64::INFINITY, f64::INFINITY), |period| {
                 (period.relative_residual, period.spectral_radius)
@@ -73,6 +72,9 @@ impl PeriodicSolution {
         })
     }
 }
+
+/// A way to a P from which Newton steps may lead to the fixed point.
+type Start = fn(&[Problem]) -> Option<Mat<f64>>;
 
 /// A chain over one period and what it says of its last P as a fixed point.
 struct Period {
@@ -109,7 +111,7 @@ impl Period {
     fn is_stabilising(&self) -> bool {
         self.spectral_radius < 1.0
             && self.relative_residual <= ACCEPTED_RESIDUAL
-            && self.chain.p.iter().all(|p| indefinite(p).is_none())
+            && self.chain.p.iter().all(|p| indefinite_cost(p).is_none())
     }
 
     fn solution(self, weakest_mode: Option<UncontrollableMode>) -> PeriodicSolution {
@@ -183,62 +185,89 @@ fn polished(problems: &[Problem], p: Mat<f64>) -> Option<Period> {
     Some(period)
 }
 
-/// The period as one stage with the state x_0 and the inputs (u_0, .., u_{T-1}): x_i = F x_0 + G u, stage by stage.
+/// F and G of x_i = F x_0 + G (u_0, .., u_{T-1}), i = 0..=T.
+struct Reach {
+    f: Mat<f64>,
+    g: Mat<f64>,
+    /// Inputs up to here.
+    inputs: usize,
+}
+
+impl Reach {
+    fn start(problems: &[Problem]) -> Self {
+        let n = problems[0].states();
+        let width = problems.iter().map(|problem| problem.b.ncols()).sum();
+        Self {
+            f: identity(n),
+            g: Mat::zeros(n, width),
+            inputs: 0,
+        }
+    }
+
+    fn advance(&mut self, problem: &Problem) {
+        let m = problem.b.ncols();
+        self.f = mul(&problem.a, &self.f);
+        self.g = mul(&problem.a, &self.g);
+        let mut own = self.g.as_mut().subcols_mut(self.inputs, m);
+        own += &problem.b;
+        self.inputs += m;
+    }
+}
+
+/// The period as one stage with all its inputs at once. Its weights grow with the square of the period.
 fn one_stage(problems: &[Problem]) -> Problem {
-    let n = problems[0].states();
-    let width = problems.iter().map(|problem| problem.b.ncols()).sum();
-    let (mut f, mut g) = (identity(n), Mat::zeros(n, width));
+    let mut reach = Reach::start(problems);
+    let (n, width) = (reach.f.nrows(), reach.g.ncols());
     let (mut q, mut r, mut s) = (
         Mat::zeros(n, n),
         Mat::zeros(width, width),
         Mat::zeros(n, width),
     );
-    let mut at = 0;
     for problem in problems {
-        let m = problem.b.ncols();
+        let (f, g, at, m) = (&reach.f, &reach.g, reach.inputs, problem.b.ncols());
         // x_i'Q x_i and u_i'R u_i, then 2 x_i'S u_i.
-        q = add_scaled(&q, 1.0, &congruence(&f, &problem.q));
-        s = add_scaled(&s, 1.0, &tr_mul(&f, &mul(&problem.q, &g)));
-        r = add_scaled(&r, 1.0, &congruence(&g, &problem.q));
+        q = add_scaled(&q, 1.0, &congruence(f, &problem.q));
+        s = add_scaled(&s, 1.0, &tr_mul(f, &mul(&problem.q, g)));
+        r = add_scaled(&r, 1.0, &congruence(g, &problem.q));
         let mut own = r.as_mut().submatrix_mut(at, at, m, m);
         own += &problem.r;
         if let Some(cross) = &problem.s {
             let mut own = s.as_mut().subcols_mut(at, m);
-            own += tr_mul(&f, cross);
-            let on_inputs = tr_mul(&g, cross);
+            own += tr_mul(f, cross);
+            let on_inputs = tr_mul(g, cross);
             let mut own = r.as_mut().subcols_mut(at, m);
             own += &on_inputs;
             let mut own = r.as_mut().subrows_mut(at, m);
             own += on_inputs.transpose();
         }
-        (f, g) = (mul(&problem.a, &f), mul(&problem.a, &g));
-        let mut own = g.as_mut().subcols_mut(at, m);
-        own += &problem.b;
-        at += m;
+        reach.advance(problem);
     }
-    let s = Some(s);
     Problem {
-        a: f,
-        b: g,
+        a: reach.f,
+        b: reach.g,
         q,
         r,
-        s,
+        s: Some(s),
     }
 }
 
-fn overflow(whole: &Problem) -> ChainError {
+fn overflow(problems: &[Problem]) -> ChainError {
     ChainError::Spectrum(SpectrumError::NoConvergence {
-        size: whole.states(),
+        size: problems[0].states(),
         norm: f64::INFINITY,
     })
 }
 
 /// Hautus test on the map over one period with the inputs of all its stages; the weakest mode where all are reached.
-fn refuse_unreached(whole: &Problem) -> Result<Option<UncontrollableMode>, ChainError> {
-    if !(norm(&whole.a).is_finite() && norm(&whole.b).is_finite()) {
-        return Err(overflow(whole));
+fn refuse_unreached(problems: &[Problem]) -> Result<Option<UncontrollableMode>, ChainError> {
+    let mut reach = Reach::start(problems);
+    for problem in problems {
+        reach.advance(problem);
     }
-    let found = hautus::unreached_modes(&whole.a, &whole.b).map_err(ChainError::Spectrum)?;
+    if !(norm(&reach.f).is_finite() && norm(&reach.g).is_finite()) {
+        return Err(overflow(problems));
+    }
+    let found = hautus::unreached_modes(&reach.f, &reach.g).map_err(ChainError::Spectrum)?;
     if let Some(mode) = found.unreached.into_iter().next() {
         return Err(ChainError::NotStabilisable { mode });
     }
@@ -249,17 +278,16 @@ fn refuse_unreached(whole: &Problem) -> Result<Option<UncontrollableMode>, Chain
 }
 
 /// Refuses a multiplier on the unit circle without weight; with a singular R it is sought near those of `monodromy`.
-fn refuse_unseen(
-    problems: &[Problem],
-    whole: &Problem,
-    monodromy: Option<&Mat<f64>>,
-) -> Result<(), ChainError> {
+fn refuse_unseen(problems: &[Problem], monodromy: Option<&Mat<f64>>) -> Result<(), ChainError> {
     let found = match (period_map(problems), monodromy) {
         (Some(map), _) => hautus::unseen_modes(&map.a, &map.h).map(|m| m.into_iter().next()),
-        (None, Some(_)) if !(norm(&whole.q).is_finite() && norm(&whole.r).is_finite()) => {
-            return Err(overflow(whole));
+        (None, Some(monodromy)) => {
+            let whole = one_stage(problems);
+            if !(norm(&whole.q).is_finite() && norm(&whole.r).is_finite()) {
+                return Err(overflow(problems));
+            }
+            free_zero_on_circle(&whole, monodromy)
         }
-        (None, Some(monodromy)) => free_zero_on_circle(whole, monodromy),
         (None, None) => Ok(None),
     };
     match found.map_err(ChainError::Spectrum)? {

@@ -30,7 +30,7 @@ pub struct Caps {
 /// Where the iteration ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Determination {
-    /// Invariant and maximal; `index` is the number of steps ahead that the rows look.
+    /// Invariant and maximal, up to 1e-9 of each bound plus the least one that is not zero; `index` is the number of steps ahead that the rows look.
     Determined {
         /// The determinedness index t.
         index: usize,
@@ -108,6 +108,7 @@ impl AdmissibleSet {
                 MatRef::from_column_major_slice(&row.row, row.row.len(), 1),
                 (n, 1),
             )?;
+            input::finite_not_negative("bound", row.bound)?;
         }
         let spectral_radius = spectrum::largest_modulus(&a).unwrap_or(f64::NAN);
         if !(spectral_radius < 1.0) {
@@ -117,16 +118,13 @@ impl AdmissibleSet {
         // Rows f_i A_K^t of the current step, one column each.
         let mut ahead = Mat::from_fn(n, rows.len(), |j, i| rows[i].row[j]);
         let transposed = a.transpose().to_owned();
-        let mut room = 0.0;
+        let room = least_room(rows);
         for step in 0..=caps.steps {
             let fresh: Vec<SetRow> = rows
                 .iter()
                 .enumerate()
                 .filter_map(|(i, row)| normalised(ahead.col_as_slice(i), row, step))
                 .collect();
-            if step == 0 {
-                room = least_room(&fresh);
-            }
             let before = found.len();
             for row in fresh {
                 if !is_implied(&row, found.iter(), room) {
@@ -196,19 +194,23 @@ impl AdmissibleSet {
     }
 }
 
-/// The least bound that is not zero: the size of what is to be told apart.
-fn least_room(rows: &[SetRow]) -> f64 {
-    let positive = rows
+/// The least bound that is not zero, of rows at unit length: the size of what is to be told apart.
+pub(crate) fn least_room(rows: &[LawRow]) -> f64 {
+    let bounds = rows
         .iter()
-        .map(|row| row.bound)
-        .filter(|&bound| bound > 0.0);
-    positive.reduce(f64::min).unwrap_or(1.0)
+        .map(|row| row.bound / length(&row.row))
+        .filter(|&bound| bound > 0.0 && bound.is_finite());
+    bounds.reduce(f64::min).unwrap_or(1.0)
+}
+
+/// |row|
+pub(crate) fn length(row: &[f64]) -> f64 {
+    norm(&MatRef::from_column_major_slice(row, row.len(), 1).to_owned())
 }
 
 /// The row at unit length; `None` for one that does not act on the state.
 fn normalised(row: &[f64], origin: &LawRow, steps_ahead: usize) -> Option<SetRow> {
-    let column = MatRef::from_column_major_slice(row, row.len(), 1).to_owned();
-    let length = norm(&column);
+    let length = length(row);
     (length > 0.0).then(|| SetRow {
         row: row.iter().map(|x| x / length).collect(),
         bound: origin.bound / length,
@@ -235,7 +237,7 @@ fn without_redundancy(mut rows: Vec<SetRow>, room: f64) -> Vec<SetRow> {
             .enumerate()
             .filter(|&(i, _)| i != at)
             .map(|(_, row)| row);
-        // Strictly within rounding here: a row must not vanish together with its twin's slack.
+        // One row at a time, against those that are still there: of two that imply each other one stays.
         if is_implied(&rows[at], others, room) {
             rows.remove(at);
         }

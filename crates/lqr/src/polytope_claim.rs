@@ -16,7 +16,7 @@ use crate::dense::{add_scaled, identity, mul};
 use crate::ellipsoid::TerminalSetError;
 use crate::exact::Exact;
 use crate::input::{self, InputError};
-use crate::polytope::{AdmissibleSet, Caps, Determination, IMPLIED};
+use crate::polytope::{AdmissibleSet, Caps, Determination, IMPLIED, least_room, length};
 use crate::riccati::Problem;
 use crate::simplex::{Optimum, optimum};
 use faer::Mat;
@@ -137,6 +137,8 @@ impl PolytopeClaim {
             .as_ref()
             .map(|_| Proof::of(&self.set, self.problem.states()));
         let transposed = self.closed_loop().transpose().to_owned();
+        let limits = self.rows();
+        let room = least_room(&limits);
         let images = self.set.rows.iter().map(|row| {
             let image = mul(&transposed, &column(&row.row));
             let target = exact
@@ -144,7 +146,7 @@ impl PolytopeClaim {
                 .map(|e| Exact::of(&column(&row.row)).transpose().mul(&e.closed_loop));
             self.bound(
                 image.col_as_slice(0),
-                row.bound,
+                (row.bound, room),
                 proof.as_ref().zip(target.as_ref()),
             )
         });
@@ -162,25 +164,29 @@ impl PolytopeClaim {
             None => Bounded::of_nothing().check("invariance", status),
         }];
         let targets = exact.as_ref().map(|e| e.rows(&self.constraints, &e.change));
-        checks.extend(self.rows().iter().enumerate().map(|(i, row)| {
+        checks.extend(limits.iter().enumerate().map(|(i, row)| {
             let target = targets.as_ref().map(|targets| &targets[i]);
-            self.bound(&row.row, row.bound, proof.as_ref().zip(target))
+            self.bound(&row.row, (row.bound, room), proof.as_ref().zip(target))
                 .check(&row.name, format!("max over the set <= {}", row.bound))
         }));
         Certificate { rigour, checks }
     }
 
-    /// Whether `row x <= limit` over the set: proved for the exact row where there is one, else with a tolerance.
-    fn bound(&self, row: &[f64], limit: f64, proof: Option<(&Proof, &Exact)>) -> Bounded {
+    /// Whether `row x <= limit` over the set: proved for the exact row where there is one, else up to twice what `AdmissibleSet` takes for implied,
+    /// which is relative to the limit and to `room`, of rows at unit length. The margin is relative to the limit, or to the room where that is zero.
+    fn bound(
+        &self,
+        row: &[f64],
+        (limit, room): (f64, f64),
+        proof: Option<(&Proof, &Exact)>,
+    ) -> Bounded {
         let found = optimum(row, self.set.half_spaces());
         let value = found.as_ref().map_or(f64::INFINITY, |found| found.value);
-        // A limit of zero has no relative margin but where it is met.
-        let margin = if value <= 0.0 && limit == 0.0 {
-            0.0
-        } else {
-            1.0 - value / limit
-        };
-        let tolerance = if proof.is_some() { 0.0 } else { 2.0 * IMPLIED };
+        let room = room * length(row);
+        let scale = [limit, room].into_iter().find(|&x| x > 0.0).unwrap_or(1.0);
+        let margin = (limit - value) / scale;
+        let rounding = 2.0 * IMPLIED * (limit + room) / scale;
+        let tolerance = if proof.is_some() { 0.0 } else { rounding };
         let holds = match (proof, &found) {
             (Some((proof, target)), Some(found)) => proof.bounds(target, limit, found),
             (Some(_), None) => false,
@@ -188,7 +194,7 @@ impl PolytopeClaim {
         };
         // Below this a corner in doubles shows nothing.
         let witness = found
-            .filter(|_| !holds && margin < -IMPLIED)
+            .filter(|_| !holds && margin < -0.5 * rounding)
             .map(|found| Witness {
                 value,
                 bound: limit,

@@ -1,12 +1,17 @@
 //! Linear programs `maximise f x subject to H x <= h` with h >= 0, by the primal simplex method on a dictionary.
 //!
 //! The sets here contain the origin, so the slack basis is feasible and no first phase is needed; the states are free
-//! variables that enter the basis and never leave it. Sizes are a few states by up to some thousand rows. Largest-coefficient pivots, then Bland's rule, which cannot cycle;
+//! variables that enter the basis and never leave it. Sizes are a few states by up to some thousand rows. Objective, rows, columns and right side are scaled
+//! by powers of two to a largest entry near one, so that the tolerances are relative. Largest-coefficient pivots, then Bland's rule, which cannot cycle;
 //! the number of pivots is capped. An interior-point solver would leave an error of its tolerance in every
 //! redundancy decision, and has no interior to work in where a limit is zero.
 
-/// Reduced costs and pivots below this count as zero; the rows have unit length.
+/// Reduced costs and pivots of the scaled program below this count as zero.
 const ZERO: f64 = 1e-11;
+/// Steps of the scaled program that differ by less are equal.
+const TIE: f64 = 1e-13;
+/// A column of rows near one that has nothing larger is rounding of a state without limit, and stays as it is.
+const NO_COLUMN: f64 = 64.0 * f64::EPSILON;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Maximum {
@@ -36,6 +41,15 @@ struct Dictionary {
     basic: Vec<usize>,
     nonbasic: Vec<usize>,
     states: usize,
+    scale: Scale,
+}
+
+/// Powers of two that multiply f, the right side, each row with its bound, and each column.
+struct Scale {
+    cost: f64,
+    bound: f64,
+    rows: Vec<f64>,
+    columns: Vec<f64>,
 }
 
 /// The maximum of `f x` over the rows `h_i x <= b_i`, b_i >= 0.
@@ -56,7 +70,7 @@ pub(crate) fn optimum<'a>(
     let mut point = vec![0.0; n];
     for (&variable, &x) in dictionary.basic.iter().zip(&dictionary.rhs) {
         if variable < n {
-            point[variable] = x;
+            point[variable] = x * dictionary.scale.columns[variable] / dictionary.scale.bound;
         }
     }
     let multipliers = dictionary
@@ -64,7 +78,13 @@ pub(crate) fn optimum<'a>(
         .iter()
         .zip(&dictionary.costs)
         .filter(|&(&variable, &cost)| variable >= n && cost < 0.0)
-        .map(|(&variable, &cost)| (variable - n, -cost))
+        .map(|(&variable, &cost)| {
+            let row = variable - n;
+            (
+                row,
+                -cost * dictionary.scale.rows[row] / dictionary.scale.cost,
+            )
+        })
         .collect();
     Some(Optimum {
         value,
@@ -73,20 +93,57 @@ pub(crate) fn optimum<'a>(
     })
 }
 
+impl Scale {
+    fn of(f: &[f64], rows: &[Vec<f64>], bounds: &[f64]) -> Self {
+        let unit: Vec<f64> = rows.iter().map(|row| down(row.iter().copied())).collect();
+        let columns: Vec<f64> = (0..f.len())
+            .map(|j| {
+                let column = rows.iter().zip(&unit).map(|(row, unit)| row[j] * unit);
+                down(column.filter(|x| x.abs() > NO_COLUMN))
+            })
+            .collect();
+        Self {
+            cost: down(f.iter().zip(&columns).map(|(f, column)| f * column)),
+            bound: down(bounds.iter().zip(&unit).map(|(bound, unit)| bound * unit)),
+            rows: unit,
+            columns,
+        }
+    }
+}
+
+/// The power of two that takes the largest of the numbers into [1, 2); one for zeros.
+fn down(numbers: impl Iterator<Item = f64>) -> f64 {
+    let largest = numbers.fold(0.0, |largest: f64, x| largest.max(x.abs()));
+    if largest > 0.0 {
+        (-largest.log2().floor()).clamp(-1000.0, 1000.0).exp2()
+    } else {
+        1.0
+    }
+}
+
 impl Dictionary {
     fn of<'a>(f: &[f64], rows: impl Iterator<Item = (&'a [f64], f64)>) -> Self {
         let n = f.len();
-        let (coefficients, rhs): (Vec<Vec<f64>>, Vec<f64>) = rows
+        let (mut coefficients, mut rhs): (Vec<Vec<f64>>, Vec<f64>) = rows
             .map(|(row, bound)| (row.iter().map(|x| -x).collect::<Vec<f64>>(), bound.max(0.0)))
             .unzip();
+        let scale = Scale::of(f, &coefficients, &rhs);
+        for ((row, bound), &down) in coefficients.iter_mut().zip(&mut rhs).zip(&scale.rows) {
+            *bound *= down * scale.bound;
+            for (x, &column) in row.iter_mut().zip(&scale.columns) {
+                *x *= down * column;
+            }
+        }
+        let costs = f.iter().zip(&scale.columns);
         Self {
             basic: (n..n + rhs.len()).collect(),
             coefficients,
             rhs,
-            costs: f.to_vec(),
+            costs: costs.map(|(f, column)| f * column * scale.cost).collect(),
             value: 0.0,
             nonbasic: (0..n).collect(),
             states: n,
+            scale,
         }
     }
 
@@ -95,7 +152,7 @@ impl Dictionary {
         let greedy = 20 * n + 50;
         for step in 0..greedy + 20 * (n + count) {
             let Some((entering, direction)) = self.entering(step < greedy) else {
-                return Maximum::Value(self.value);
+                return Maximum::Value(self.value / self.scale.cost / self.scale.bound);
             };
             let Some(leaving) = self.leaving(entering, direction) else {
                 return Maximum::Unbounded;
@@ -132,7 +189,7 @@ impl Dictionary {
             }
             let step = self.rhs[i].max(0.0) / -rate;
             let better = best.is_none_or(|(_, least, pivot)| {
-                step < least - 1e-13 || (step <= least + 1e-13 && -rate > pivot)
+                step < least - TIE || (step <= least + TIE && -rate > pivot)
             });
             if better {
                 best = Some((i, step, -rate));
@@ -205,5 +262,39 @@ mod tests {
             (&[0.0, 1.0], 0.0),
         ];
         assert_eq!(solve(&[1.0, 1.0], &rows), Maximum::Value(0.0));
+    }
+
+    #[test]
+    fn the_units_of_objective_rows_bounds_and_states_do_not_matter() {
+        // f = 2x + 3y over x + y <= 1, x - 2y <= 1, x >= -1, x + y/2 >= -1 is 4 at (-1, 2).
+        let rows = [[1.0, 1.0], [1.0, -2.0], [-1.0, 0.0], [-1.0, -0.5]];
+        for unit in [1e-150_f64, 1e-12, 1e-9, 1.0, 1e9, 1e12, 1e150] {
+            for (cost, row, bound, state) in [
+                (unit, 1.0, 1.0, 1.0),
+                (1.0, unit, 1.0, 1.0),
+                (1.0, 1.0, unit, 1.0),
+                // Rows are scaled first: the larger state of each sets its unit, and the other must stay above ZERO.
+                (1.0, 1.0, 1.0, unit.clamp(1e-12, 1e9)),
+            ] {
+                let scaled = rows.map(|r| [row * r[0], row * r[1] * state]);
+                let half_spaces = scaled.iter().map(|r| (r.as_slice(), row * bound));
+                let found = optimum(&[2.0 * cost, 3.0 * cost * state], half_spaces).unwrap();
+                let near = |x: f64, expected: f64| (x / expected - 1.0).abs() < 1e-12;
+                assert!(near(found.value, 4.0 * cost * bound), "{found:?}");
+                assert!(near(found.point[0], -bound) && near(found.point[1], 2.0 * bound / state));
+                // (2, 3) = 3 (1, 1) + 1 (-1, 0).
+                let y = |row| {
+                    found
+                        .multipliers
+                        .iter()
+                        .find(|y| y.0 == row)
+                        .map_or(0.0, |y| y.1)
+                };
+                assert!(
+                    near(y(0), 3.0 * cost / row) && near(y(2), cost / row),
+                    "{found:?}"
+                );
+            }
+        }
     }
 }

@@ -61,6 +61,17 @@ pub(crate) fn in_extended_precision(
     balanced: &Balanced,
     found: Result<DareSolution, DareError>,
 ) -> Result<DareSolution, DareError> {
+    // What doubles found may have lost its sign: then it is no answer.
+    let unless_negative = |found: Result<DareSolution, DareError>| {
+        let solution = found?;
+        match indefinite_weight(&solution.p) {
+            Some((eigenvalue, tolerance)) => Err(DareError::IndefiniteSolution {
+                eigenvalue,
+                tolerance,
+            }),
+            None => Ok(solution),
+        }
+    };
     let (p, k, spectral_radius, iterations) = match extended_solution(&balanced.problem) {
         Extended::Decided {
             p,
@@ -70,21 +81,18 @@ pub(crate) fn in_extended_precision(
         } => (p, k, spectral_radius, iterations),
         Extended::Dependent => return Err(DareError::SingularInputHessian),
         Extended::Undecided { sensitivity } => {
-            return match found {
+            return match unless_negative(found) {
                 Err(DareError::NoConvergence { .. } | DareError::IndefiniteSolution { .. }) => {
-                    Err(DareError::IllConditioned { sensitivity })
-                }
-                Ok(solution) if indefinite_weight(&solution.p).is_some() => {
                     Err(DareError::IllConditioned { sensitivity })
                 }
                 other => other,
             };
         }
-        Extended::NotFound => return found,
+        Extended::NotFound => return unless_negative(found),
     };
     let p = balanced.restore(&p);
     let Some(relative_residual) = extended_residual(problem, &p) else {
-        return found;
+        return unless_negative(found);
     };
     if let Some((eigenvalue, tolerance)) = indefinite(&p).or_else(|| indefinite_weight(&p)) {
         return Err(DareError::IndefiniteSolution {

@@ -228,3 +228,38 @@ fn a_period_that_overflows_is_an_error() {
     let stage = Stage::new(a.as_ref(), eye.as_ref(), eye.as_ref(), eye.as_ref());
     assert!(PeriodicSolution::solve(&[stage; 4]).is_err());
 }
+
+#[test]
+fn a_negative_terminal_weight_in_small_units_is_refused() {
+    let eye = Mat::<f64>::identity(2, 2);
+    let stage = Stage::new(eye.as_ref(), eye.as_ref(), eye.as_ref(), eye.as_ref());
+    let with = |least: f64| {
+        let terminal = mat![[1e12, 0.0], [0.0, least]];
+        BackwardChain::solve(&[stage; 2], terminal.as_ref())
+    };
+    let refused = with(-1.0);
+    assert!(
+        matches!(refused, Err(ChainError::IndefiniteWeight { stage: 2, name: "P", eigenvalue }) if (eigenvalue + 1.0).abs() < 1e-3),
+        "{refused:?}"
+    );
+    // A tenth of an ulp of the largest entry is rounding.
+    assert!(with(-1e-5).is_ok() && with(1.0).is_ok());
+}
+
+#[test]
+fn a_period_of_a_day_in_minutes_is_solved_within_seconds() {
+    // 1440 stages: as one stage with 1440 inputs the weights alone would take 1440^3 multiplications, and minutes.
+    let phase = |i: usize| std::f64::consts::TAU * i as f64 / 1440.0;
+    let a: Vec<Mat<f64>> = (0..1440)
+        .map(|i| mat![[1.0, 0.1], [0.01 * phase(i).sin(), 1.0]])
+        .collect();
+    let (b, q, r) = (mat![[0.0], [0.1]], Mat::identity(2, 2), mat![[1.0]]);
+    let stages: Vec<Stage<'_>> = a
+        .iter()
+        .map(|a| Stage::new(a.as_ref(), b.as_ref(), q.as_ref(), r.as_ref()))
+        .collect();
+    let started = std::time::Instant::now();
+    let solution = PeriodicSolution::solve(&stages).unwrap();
+    assert!(solution.relative_residual < 1e-12 && solution.spectral_radius < 1.0);
+    assert!(started.elapsed().as_secs() < 20, "{:?}", started.elapsed());
+}

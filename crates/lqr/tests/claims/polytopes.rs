@@ -51,7 +51,7 @@ proptest! {
             // Margins of 1e-8 on the limits and on the law; the law's is amplified by the steps looked ahead.
             prop_assert!(kept <= all * (1.0 + 1e-8) && kept > all * (1.0 - 1e-5), "{kept} of {all}");
         }
-        // A row that is moved in is admissible and no longer invariant, or implied by others: a proof never says more than that.
+        // Rows that are moved out leave some limit or the invariance violated: a proof never says more than that.
         let mut wrong = proved.clone();
         for row in &mut wrong.set.rows {
             row.bound *= 1.0 + 1e-4;
@@ -105,6 +105,49 @@ fn the_half_line_of_a_one_sided_limit_is_proved_as_it_is_stored() {
         .unwrap();
     let claim = PolytopeClaim::maximal(&system.dare(), &solution, constraints, CAPS).unwrap();
     assert!(claim.prove().holds(), "{}", claim.prove());
+}
+
+#[test]
+fn one_sided_inputs_pass_their_own_certificate() {
+    // 0 <= u0 <= 1 under random laws: the origin is on the boundary, and a zero limit has no size that rounding could be relative to.
+    let mut determined = 0;
+    for seed in 0..40 {
+        let mut source = Source(seed);
+        let n = 2 + (seed % 2) as usize;
+        let system = System::random(&mut source, n, 1, 0.9, 0.5);
+        let solution = system.dare().solve().unwrap();
+        let boxed = (0..n).try_fold(Constraints::new(n, 1), |all, j| {
+            let axis = |sign: f64| -> Vec<f64> {
+                (0..n).map(|i| if i == j { sign } else { 0.0 }).collect()
+            };
+            all.with_state_half_space("above", &axis(1.0), 1.0)?
+                .with_state_half_space("below", &axis(-1.0), 1.0)
+        });
+        let constraints = boxed
+            .and_then(|c| c.with_input_box(&[0.0], &[1.0]))
+            .unwrap();
+        let claim = PolytopeClaim::maximal(&system.dare(), &solution, constraints, CAPS).unwrap();
+        if !matches!(claim.set.determination, Determination::Determined { .. }) {
+            continue;
+        }
+        determined += 1;
+        let certificate = claim.certify();
+        assert!(certificate.holds(), "{seed}: {certificate}");
+        assert!(
+            certificate
+                .checks
+                .iter()
+                .all(|check| check.margin.is_finite()),
+            "{certificate}"
+        );
+        // What violates a zero limit beyond rounding still fails.
+        let mut wrong = claim.clone();
+        for row in &mut wrong.set.rows {
+            row.bound += 1e-6;
+        }
+        assert!(!wrong.certify().holds(), "{seed}");
+    }
+    assert!(determined >= 20, "{determined}");
 }
 
 #[test]
@@ -186,6 +229,56 @@ fn too_many_rows_meet_their_cap_and_say_so() {
     );
     let full = set(400);
     assert!(matches!(full.determination, Determination::Determined { .. }) && full.rows.len() > 8);
+}
+
+/// x+ = x/2 in the box |x1|, |x2| <= `limit`, with a further half-space.
+fn box_with(limit: f64, further: &[f64], bound: f64) -> PolytopeClaim {
+    let system = System {
+        a: mat![[0.5, 0.0], [0.0, 0.5]],
+        b: mat![[1.0], [1.0]],
+        q: mat![[1.0, 0.0], [0.0, 1.0]],
+        r: mat![[1.0]],
+    };
+    let mut solution = system.dare().solve().unwrap();
+    solution.k = mat![[0.0, 0.0]];
+    let sides = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
+    let constraints = sides.iter().try_fold(Constraints::new(2, 1), |all, side| {
+        all.with_state_half_space("side", side, limit)
+    });
+    let constraints = constraints
+        .and_then(|c| c.with_state_half_space("further", further, bound))
+        .unwrap();
+    PolytopeClaim::maximal(&system.dare(), &solution, constraints, CAPS).unwrap()
+}
+
+#[test]
+fn the_length_of_a_row_does_not_change_what_is_said_of_it() {
+    for unit in [1e-200, 1e-12, 1.0, 1e12] {
+        let free = box_with(1.0, &[unit, unit], 3.0 * unit);
+        // x1 + x2 reaches 2 over the box.
+        let reach = free.set.support(&[unit, unit]).unwrap().unwrap();
+        assert!((reach / unit - 2.0).abs() < 1e-12, "{reach:e}");
+        let mut tight = box_with(1.0, &[unit, unit], 0.5 * unit);
+        assert!(tight.certify().holds());
+        tight.set = free.set;
+        for refuted in [tight.certify(), tight.prove()] {
+            let failure = refuted.failures().find(|check| check.name == "further");
+            let factor = failure.unwrap().witness.as_ref().unwrap().factor;
+            assert!((factor - 4.0).abs() < 1e-11, "{unit:e}: {factor}");
+        }
+    }
+}
+
+#[test]
+fn bounds_far_below_one_are_told_apart() {
+    // Steps that differ by a tenth at 1e-12 are no tie: the cut at 1.9 of the corner's 2 stays.
+    for unit in [1e-15, 1e-12, 1.0] {
+        let claim = box_with(unit, &[1.0, 1.0], 1.9 * unit);
+        let reach = claim.set.support(&[1.0, 1.0]).unwrap().unwrap();
+        assert!((reach / unit - 1.9).abs() < 1e-9, "{unit:e}: {reach:e}");
+        assert_eq!(claim.set.rows.len(), 5);
+        assert!(claim.certify().holds() && claim.provable(CAPS).is_ok());
+    }
 }
 
 #[test]

@@ -367,13 +367,15 @@ fn a_bound_that_is_none_is_refused() {
     let sized = |bound| Ellipsoid::largest(mat![[1.0]].as_ref(), &[row(bound)]);
     for bound in [-1.0, f64::NAN, f64::INFINITY] {
         assert!(sized(bound).is_err(), "{bound}");
+        let polytope = AdmissibleSet::maximal(mat![[0.5]].as_ref(), &[row(bound)], 5);
+        assert!(polytope.is_err(), "{bound}");
     }
     // The square of the bound overflows; the level is 1e200.
     assert!((sized(1e200).unwrap().level / 1e200 - 1.0).abs() < 1e-14);
 }
 
 #[test]
-fn without_a_weight_on_the_rate_the_augmented_law_is_the_plain_one_and_no_set_is_bounded() {
+fn without_a_weight_on_the_rate_the_augmented_law_is_the_plain_one() {
     let system = System::random(&mut Source(12), 3, 2, 1.2, 0.5);
     let plain = system.dare().solve().unwrap();
     let augmented = RateAugmented::new(

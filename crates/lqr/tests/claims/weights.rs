@@ -43,11 +43,39 @@ fn a_coupling_beyond_the_diagonal_is_refused_in_any_units() {
     );
 }
 
+fn is_called_indefinite(q: &Mat<f64>) -> bool {
+    let found = with_weights(q, &Mat::identity(2, 2));
+    matches!(found, Err(DareError::IndefiniteWeight { .. }))
+}
+
 #[test]
-fn half_an_ulp_below_zero_is_rounding() {
-    let eye = Mat::<f64>::identity(2, 2);
-    assert!(with_weights(&mat![[1.0, 0.0], [0.0, -1e-17]], &eye).is_ok());
-    assert!(with_weights(&mat![[0.0, 0.0], [0.0, 0.0]], &eye).is_ok());
+fn two_ulps_of_the_largest_entry_below_zero_are_rounding() {
+    let with = |least: f64| mat![[1.0, 0.0], [0.0, least]];
+    assert!(with_weights(&with(-1e-17), &Mat::identity(2, 2)).is_ok());
+    assert!(with_weights(&with(0.0), &Mat::identity(2, 2)).is_ok());
+    assert!(!is_called_indefinite(&with(-1.9 * f64::EPSILON)));
+    assert!(is_called_indefinite(&with(-2.1 * f64::EPSILON)));
+}
+
+#[test]
+fn a_weight_computed_by_hand_with_a_true_zero_is_no_indefinite_one() {
+    // Q - SR^-1S' where [Q S; S' R] has rank 2 of 3: its least eigenvalue is zero, up to rounding of what is subtracted.
+    let mut judged = 0;
+    for seed in 0..2000 {
+        let c = Source(seed).matrix(2, 3);
+        let whole = c.transpose() * &c;
+        let difference = Mat::from_fn(2, 2, |i, j| {
+            whole[(i, j)] - whole[(i, 2)] * whole[(2, j)] / whole[(2, 2)]
+        });
+        let q = Mat::from_fn(2, 2, |i, j| 0.5 * (difference[(i, j)] + difference[(j, i)]));
+        // Where less than half is left, rounding of what went is larger than that of the rest.
+        if whole[(0, 0)].max(whole[(1, 1)]) > 2.0 * q.norm_max() {
+            continue;
+        }
+        judged += 1;
+        assert!(!is_called_indefinite(&q), "{seed}: {q:?}");
+    }
+    assert!(judged > 500, "{judged}");
 }
 
 #[test]
