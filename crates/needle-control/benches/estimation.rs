@@ -15,11 +15,12 @@ const INPUT: Input = Input {
     omega_rad_s: 1.0,
 };
 
+/// A figure of what was not run would be none: an error ends the run.
+const VALID: &str = "the needle, the path and the default settings are valid";
+
 fn filter_sample(c: &mut Criterion) {
     for late_samples in [0_u32, 1, 10] {
-        let Ok(needle) = Needle::new(1.0 / 150.0) else {
-            return;
-        };
+        let needle = Needle::new(1.0 / 150.0).expect(VALID);
         let state = LaggedState {
             pose: Pose::identity(),
             needle,
@@ -27,9 +28,7 @@ fn filter_sample(c: &mut Criterion) {
         };
         let std = SVector::from([0.2, 0.2, 0.2, 0.02, 0.02, 0.1, 0.002, 0.01]);
         let belief = Belief::independent(state, &std);
-        let Ok(mut filter) = NeedleFilter::new(FilterSettings::default(), belief, 0.0) else {
-            return;
-        };
+        let mut filter = NeedleFilter::new(FilterSettings::default(), belief, 0.0).expect(VALID);
         let mut sample = 0_u32;
         c.bench_function(
             &format!("filter, position {late_samples} samples late"),
@@ -47,13 +46,9 @@ fn filter_sample(c: &mut Criterion) {
 }
 
 fn law_step(c: &mut Criterion) {
-    let Ok(needle) = Needle::new(1.0 / 150.0) else {
-        return;
-    };
+    let needle = Needle::new(1.0 / 150.0).expect(VALID);
     let inputs = vec![INPUT; 200];
-    let Ok(path) = ReferencePath::from_inputs(needle, Pose::identity(), inputs, 0.1) else {
-        return;
-    };
+    let path = ReferencePath::from_inputs(needle, Pose::identity(), inputs, 0.1).expect(VALID);
     let lqr = TimeVaryingLqr::new(&path, needle, LqrWeights::default());
     timed(
         c,
@@ -88,7 +83,7 @@ fn timed<L: SteeringLaw>(
 ) {
     let settings = BaselineSettings::default();
     let made = law.and_then(|law| LawController::new(path.clone(), needle, law, settings));
-    let Ok(mut controller) = made else { return };
+    let mut controller = made.expect(VALID);
     let measurement = Measurement::of(path.poses()[3]);
     c.bench_function(name, |b| {
         b.iter(|| controller.step(black_box(&measurement), 0.0).input);

@@ -12,6 +12,8 @@ pub(super) struct Case {
     keys: &'static str,
     /// Runs, each with noise of its own.
     pub(super) runs: u64,
+    /// Whether the start is off along the path: the distance across it, from the nearest point, is then zero for every controller.
+    pub(super) along: bool,
 }
 
 /// Runs of a case with noise.
@@ -123,6 +125,7 @@ const fn exact(name: &'static str, path: &'static str, keys: &'static str) -> Ca
         path,
         keys,
         runs: 1,
+        along: false,
     }
 }
 
@@ -162,11 +165,14 @@ pub(super) const CASES: [Case; 16] = [
     noisy("the same, plant curvature -20 %", FILTERED_WEAK),
     exact("the paper's path", PAPER_BEVEL, ""),
     exact("the paper's path, start off", PAPER_BEVEL, OFF),
-    exact(
-        "the paper's straight needle, 1 mm and 0.1 rad behind",
-        PAPER_STRAIGHT,
-        "plant.start.offset_mm = [0.0, 0.0, -1.0]\nplant.start.rotation_rad = [0.0, 0.0, -0.1]\n",
-    ),
+    Case {
+        along: true,
+        ..exact(
+            "the paper's straight needle, 1 mm and 0.1 rad behind",
+            PAPER_STRAIGHT,
+            "plant.start.offset_mm = [0.0, 0.0, -1.0]\nplant.start.rotation_rad = [0.0, 0.0, -0.1]\n",
+        )
+    },
 ];
 
 impl Case {

@@ -32,12 +32,19 @@ pub(super) const COLUMNS: [&str; 5] = [
     "omega_integral_rad",
 ];
 
+/// Index of the distance across the path.
+const RMS: usize = 0;
+/// Index of the distance from the path's end, which counts what the tip lags behind.
+const FINAL: usize = 2;
+
 /// A controller on a case.
 #[derive(Debug, Clone)]
 pub(super) struct Row {
     pub(super) case: &'static str,
     pub(super) controller: &'static str,
     pub(super) runs: u64,
+    /// Index of the column that tells the case's controllers apart.
+    pub(super) main_column: usize,
     /// `None` where the case is not one for the controller.
     pub(super) judged: Option<Judged>,
 }
@@ -74,6 +81,7 @@ impl Row {
             case: case.name,
             controller,
             runs: case.runs,
+            main_column: if case.along { FINAL } else { RMS },
             judged,
         })
     }

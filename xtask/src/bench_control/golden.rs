@@ -30,6 +30,23 @@ pub(crate) enum GoldenError {
         computed: f64,
         tolerance: f64,
     },
+    #[error(
+        "{case}, {controller}: {column} spreads by {golden} in the golden table, computed {computed}"
+    )]
+    Spread {
+        case: &'static str,
+        controller: &'static str,
+        column: &'static str,
+        golden: f64,
+        computed: f64,
+    },
+    #[error("{case}, {controller}: {column} is {computed}: no golden figure")]
+    NotFinite {
+        case: &'static str,
+        controller: &'static str,
+        column: &'static str,
+        computed: f64,
+    },
     #[error("{case}, nmpc: {column} is {computed}, promised is {least} to {most}")]
     Promise {
         case: &'static str,
@@ -55,9 +72,16 @@ const ROUNDING: [[f64; 2]; COLUMNS.len()] = [
 /// saturates, another rounding is as good as another noise: the runs of two machines are two samples of one distribution.
 const DEVIATIONS: f64 = 3.0;
 
+/// The most that a column with noise may move by, relative: three deviations of a row that scatters would let it nearly double.
+const MOST_RELATIVE: f64 = 0.25;
+
+/// By which a spread may grow or shrink. Of two samples of eight from one normal distribution, one pair in two hundred is farther apart.
+const SPREAD_FACTOR: f64 = 3.0;
+
 fn tolerance(golden: Figure, runs: u64, [absolute, relative]: [f64; 2]) -> f64 {
     let of_means = golden.spread * (2.0 / runs as f64).sqrt();
-    absolute + relative * golden.mean.abs() + DEVIATIONS * of_means
+    let size = golden.mean.abs();
+    absolute + (relative * size + DEVIATIONS * of_means).min(MOST_RELATIVE * size)
 }
 
 /// Root mean square distance of the nonlinear controller, mm, whatever the golden table says.
@@ -124,9 +148,28 @@ fn table(rows: &[Row]) -> String {
     text
 }
 
-/// Writes the table, unless it breaks a promise.
+/// A run that never came far enough to have a distance is no figure to compare with: infinity less infinity is no number.
+fn check_finite(rows: &[Row]) -> Result<(), GoldenError> {
+    for row in rows {
+        let figures = row.judged.iter().flat_map(|judged| judged.figures);
+        for (Figure { mean, spread }, column) in figures.zip(COLUMNS) {
+            if !(mean.is_finite() && spread.is_finite()) {
+                return Err(GoldenError::NotFinite {
+                    case: row.case,
+                    controller: row.controller,
+                    column,
+                    computed: mean,
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Writes the table, unless it breaks a promise or a figure is not finite.
 pub(super) fn bless(rows: &[Row]) -> Result<(), GoldenError> {
     check_promises(rows)?;
+    check_finite(rows)?;
     let path = path();
     if let Some(folder) = path.parent() {
         output::make_folder(folder)?;
@@ -184,19 +227,94 @@ fn figures(line: &str) -> Option<[Figure; 5]> {
 }
 
 fn compare(row: &Row, judged: &Judged, golden: [Figure; 5]) -> Result<(), GoldenError> {
+    let (case, controller) = (row.case, row.controller);
     for (at, (golden, computed)) in golden.into_iter().zip(judged.figures).enumerate() {
+        let column = COLUMNS[at];
         let tolerance = tolerance(golden, row.runs, ROUNDING[at]);
         let gap = (computed.mean - golden.mean).abs();
         if gap.is_nan() || gap > tolerance {
             return Err(GoldenError::Value {
-                case: row.case,
-                controller: row.controller,
-                column: COLUMNS[at],
+                case,
+                controller,
+                column,
                 golden: golden.mean,
                 computed: computed.mean,
                 tolerance,
             });
         }
+        let absolute = ROUNDING[at][0];
+        let within = |a: f64, b: f64| a <= SPREAD_FACTOR * b + absolute;
+        if !(within(computed.spread, golden.spread) && within(golden.spread, computed.spread)) {
+            return Err(GoldenError::Spread {
+                case,
+                controller,
+                column,
+                golden: golden.spread,
+                computed: computed.spread,
+            });
+        }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A row of eight runs with one figure in every column.
+    fn row(figure: Figure) -> Row {
+        let judged = Judged {
+            figures: [figure; 5],
+            median_step_us: 0.0,
+            worst_step_us: 0.0,
+        };
+        Row {
+            case: "noise",
+            controller: "pid",
+            runs: 8,
+            main_column: 0,
+            judged: Some(judged),
+        }
+    }
+
+    fn compared(golden: [f64; 2], computed: [f64; 2]) -> Result<(), GoldenError> {
+        let [golden, computed] = [golden, computed].map(|[mean, spread]| Figure { mean, spread });
+        let row = row(computed);
+        compare(&row, row.judged.as_ref().unwrap(), [golden; 5])
+    }
+
+    #[test]
+    fn noise_lets_a_mean_move_by_a_quarter_at_most() {
+        assert!(compared([1.0, 0.5], [1.24, 0.5]).is_ok());
+        let moved = compared([1.0, 0.5], [1.26, 0.5]);
+        assert!(matches!(moved, Err(GoldenError::Value { .. })), "{moved:?}");
+    }
+
+    #[test]
+    fn a_spread_stays_within_a_factor_of_three() {
+        assert!(compared([10.0, 0.5], [10.0, 1.4]).is_ok());
+        for spread in [0.1, 2.0, f64::NAN] {
+            let changed = compared([10.0, 0.5], [10.0, spread]);
+            assert!(
+                matches!(changed, Err(GoldenError::Spread { .. })),
+                "{spread}: {changed:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_figure_that_is_not_finite_is_not_blessed() {
+        for mean in [f64::INFINITY, f64::NAN] {
+            let refused = check_finite(&[row(Figure { mean, spread: 0.0 })]);
+            assert!(
+                matches!(refused, Err(GoldenError::NotFinite { .. })),
+                "{refused:?}"
+            );
+        }
+        let finite = row(Figure {
+            mean: 1.0,
+            spread: 0.1,
+        });
+        assert!(check_finite(&[finite]).is_ok());
+    }
 }

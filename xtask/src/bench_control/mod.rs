@@ -93,7 +93,9 @@ fn write_scenarios(cells: &[(&Case, &'static str)], folder: &Path) -> Result<(),
 
 /// Two tables in Markdown: a summary, a row a case, and all figures. Those of several runs are mean and standard deviation.
 fn tables(rows: &[Row]) -> String {
-    let mut text = String::from("Root mean square distance, mm, and rotation, revolutions:\n\n");
+    let mut text = String::from(
+        "Root mean square distance (of the last row: distance at the end), mm, and rotation, revolutions:\n\n",
+    );
     let dashes = " --- |".repeat(1 + CONTROLLERS.len());
     // Writing to a string cannot fail.
     let _ = writeln!(text, "| case | {} |\n|{dashes}", CONTROLLERS.join(" | "));
@@ -102,8 +104,8 @@ fn tables(rows: &[Row]) -> String {
         for row in of_case {
             match &row.judged {
                 Some(Judged { figures, .. }) => {
-                    let (rms, rotation) = (worded(figures[0], 4, row.runs), figures[3].mean);
-                    let _ = write!(text, " {rms}, {rotation:.1} |");
+                    let distance = worded(figures[row.main_column], 4, row.runs);
+                    let _ = write!(text, " {distance}, {:.1} |", figures[3].mean);
                 }
                 None => text.push_str(" - |"),
             }

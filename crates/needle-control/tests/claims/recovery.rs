@@ -305,6 +305,16 @@ impl Subject {
     }
 }
 
+/// What the distance may be more besides, mm.
+fn slack_mm(subject: &str, disturbance: &str) -> f64 {
+    match (subject, disturbance) {
+        // The slowest to come back: 0.045 mm after 12 s, of 0.030 mm without a fault.
+        ("lqr", "tilted beyond a right angle for three samples") => 0.01,
+        // A fifth of what the best loop keeps anyway, 0.014 mm.
+        _ => 0.003,
+    }
+}
+
 #[test]
 fn after_every_fault_the_distance_is_again_the_sound_loops() {
     let switch = Switch::default();
@@ -315,7 +325,7 @@ fn after_every_fault_the_distance_is_again_the_sound_loops() {
         for disturbance in &DISTURBANCES {
             let after_mm = subject.late_rms_mm(disturbance, &switch);
             println!("{}, {}: {after_mm:.4} mm", subject.name, disturbance.name);
-            if after_mm > 1.2 * sound_mm + 0.02 {
+            if after_mm > 1.25 * sound_mm + slack_mm(subject.name, disturbance.name) {
                 lost.push((subject.name, disturbance.name, sound_mm, after_mm));
             }
         }
