@@ -67,6 +67,8 @@ pub(crate) struct Guard {
     start: Pose,
     expected: Option<Pose>,
     missed: usize,
+    /// Inputs of a plan that are kept, at most; a copy of an empty vector would have forgotten its capacity.
+    room: usize,
     plan: Vec<Input>,
     plan_age_s: f64,
 }
@@ -89,6 +91,7 @@ impl Guard {
             clock: SampleClock::new(dt_s, None),
             expected: Some(start),
             missed: 0,
+            room: horizon,
             plan: Vec::with_capacity(horizon),
             plan_age_s: 0.0,
         }
@@ -157,8 +160,8 @@ impl Guard {
     /// Keeps a plan whose first input belongs to this sample.
     pub(crate) fn keep(&mut self, plan: impl Iterator<Item = Input>) {
         self.plan.clear();
-        let room = self.plan.capacity();
-        self.plan.extend(plan.take(room));
+        self.plan.reserve(self.room);
+        self.plan.extend(plan.take(self.room));
         self.plan_age_s = 0.0;
     }
 
