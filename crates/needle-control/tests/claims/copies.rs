@@ -3,10 +3,10 @@
 use crate::scene::CURVATURE_PER_MM;
 use crate::scene::DT_S;
 use crate::survival::{helix, on_time};
-
+use nalgebra::Vector3;
 use needle_control::{
     Controller, LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController,
-    Origin,
+    Origin, StopReason,
 };
 use needle_model::{Needle, Pose};
 
@@ -24,5 +24,41 @@ fn copy_of_a_fresh_controller_bridges_a_gap_as_the_controller_does() {
                 .origin;
             assert_eq!(origin, Origin::ShiftedPlan { age });
         }
+    }
+}
+
+#[test]
+fn outlier_at_the_end_of_a_gap_is_not_believed() {
+    let needle = Needle::new(CURVATURE_PER_MM).unwrap();
+    let path = helix(100);
+    let mut controller =
+        LtvController::new(needle, path.clone(), LinearConfiguration::default()).unwrap();
+    let mut pose = Pose::identity();
+    for step in 0..20 {
+        let far = Pose {
+            position_mm: pose.position_mm + Vector3::x() * 100.0,
+            ..pose
+        };
+        let measurement = match step {
+            3..13 => Measurement::default(),
+            13 => Measurement::of(far),
+            _ => Measurement::of(pose),
+        };
+        let decided = controller.step(&measurement, on_time(step));
+        let (input, origin) = (decided.input, decided.origin);
+        match step {
+            13 => assert_eq!(
+                origin,
+                Origin::Stop {
+                    reason: StopReason::NoMeasurement
+                }
+            ),
+            0..3 | 14.. => assert!(
+                matches!(origin, Origin::Optimal | Origin::Degraded { .. }),
+                "step {step}: {origin:?}"
+            ),
+            _ => {}
+        }
+        pose = needle.step(&pose, input, DT_S).unwrap();
     }
 }
