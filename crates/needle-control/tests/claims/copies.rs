@@ -6,7 +6,7 @@ use crate::survival::{helix, on_time};
 use nalgebra::Vector3;
 use needle_control::{
     Controller, LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController,
-    Origin, StopReason,
+    Origin, StopReason, Tracking,
 };
 use needle_model::{Needle, Pose};
 
@@ -61,4 +61,28 @@ fn outlier_at_the_end_of_a_gap_is_not_believed() {
         }
         pose = needle.step(&pose, input, DT_S).unwrap();
     }
+}
+
+#[test]
+fn reference_by_progress_waits_while_the_needle_stands_through_a_gap() {
+    let needle = Needle::new(CURVATURE_PER_MM).unwrap();
+    let configuration = NmpcConfiguration {
+        tracking: Tracking::Progress,
+        ..NmpcConfiguration::default()
+    };
+    let mut controller = NmpcController::new(needle, helix(400), configuration).unwrap();
+    let (mut pose, mut found_mm) = (Pose::identity(), 0.0);
+    for step in 0..150 {
+        let measurement = match step {
+            5..105 => Measurement::default(),
+            _ => Measurement::of(pose),
+        };
+        let input = controller.step(&measurement, on_time(step)).input;
+        pose = needle.step(&pose, input, DT_S).unwrap();
+        if step >= 105 {
+            found_mm += input.v_mm_s * DT_S;
+        }
+    }
+    // 45 samples at 5 mm/s are 22 mm; a reference that ran on would be 45 mm ahead, and chased at 10 mm/s.
+    assert!((15.0..30.0).contains(&found_mm), "{found_mm}");
 }
