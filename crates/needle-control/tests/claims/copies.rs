@@ -3,10 +3,10 @@
 use crate::scene::CURVATURE_PER_MM;
 use crate::scene::DT_S;
 use crate::survival::{helix, on_time};
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 use needle_control::{
-    Controller, LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController,
-    Origin, StopReason, Tracking,
+    Controller, InputLimits, LinearConfiguration, LtvController, Measurement, NmpcConfiguration,
+    NmpcController, Origin, StopReason, Tracking,
 };
 use needle_model::{Needle, Pose};
 
@@ -85,4 +85,32 @@ fn reference_by_progress_waits_while_the_needle_stands_through_a_gap() {
     }
     // 45 samples at 5 mm/s are 22 mm; a reference that ran on would be 45 mm ahead, and chased at 10 mm/s.
     assert!((15.0..30.0).contains(&found_mm), "{found_mm}");
+}
+
+#[test]
+fn optimal_plan_begins_with_what_the_input_applied_does() {
+    let needle = Needle::new(CURVATURE_PER_MM).unwrap();
+    let configuration = NmpcConfiguration {
+        limits: InputLimits {
+            omega_rate_max_rad_s2: 5.0,
+            ..InputLimits::default()
+        },
+        ..NmpcConfiguration::default()
+    };
+    let mut controller = NmpcController::new(needle, helix(300), configuration).unwrap();
+    let rolled = Vector6::new(2.0, -2.0, 0.0, 0.0, 0.0, 2.5);
+    let (mut pose, mut optimal) = (Pose::identity().perturbed(&rolled), 0);
+    for step in 0..18 {
+        let decided = controller.step(&Measurement::of(pose), 1.5 * step as f64);
+        // The first plan is made afresh, by a line search that may end short of what can be reached.
+        if step > 0 && decided.origin == Origin::Optimal {
+            optimal += 1;
+            let next = needle.step(&pose, decided.input, DT_S).unwrap();
+            let gap = next.error_from(&decided.predicted[1]).norm();
+            // What a plan leaves out is the bend's second order: 0.03 rad/s x 0.1 s x (0.6 rad)^2.
+            assert!(gap < 5e-3, "step {step}: {gap}, {:?}", decided.input);
+        }
+        pose = needle.step(&pose, decided.input, 1.5).unwrap();
+    }
+    assert!(optimal > 5, "{optimal}");
 }
