@@ -5,8 +5,9 @@ use crate::scene::DT_S;
 use crate::survival::{helix, on_time};
 use nalgebra::{Vector3, Vector6};
 use needle_control::{
-    Controller, InputLimits, LinearConfiguration, LtvController, Measurement, NmpcConfiguration,
-    NmpcController, Origin, StopReason, Tracking,
+    BaselineSettings, Controller, DutyCycledGains, DutyCycledSteering, InputLimits, LawController,
+    LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController, Origin,
+    StopReason, Tracking,
 };
 use needle_model::{Needle, Pose};
 
@@ -113,4 +114,34 @@ fn optimal_plan_begins_with_what_the_input_applied_does() {
         pose = needle.step(&pose, decided.input, 1.5).unwrap();
     }
     assert!(optimal > 5, "{optimal}");
+}
+
+#[test]
+fn last_estimate_of_curvature_stays_for_every_controller() {
+    let needle = Needle::new(CURVATURE_PER_MM).unwrap();
+    let law = || DutyCycledSteering::new(DutyCycledGains::default()).unwrap();
+    let settings = BaselineSettings::default();
+    let controllers = || {
+        let nmpc = NmpcController::new(needle, helix(100), NmpcConfiguration::default());
+        let law = LawController::new(helix(100), needle, law(), settings);
+        let pair: [Box<dyn Controller>; 2] = [Box::new(nmpc.unwrap()), Box::new(law.unwrap())];
+        pair
+    };
+    let start = Pose::identity().perturbed(&Vector6::new(0.05, -0.03, 0.0, 0.0, 0.0, 0.2));
+    for (mut once, mut always) in controllers().into_iter().zip(controllers()) {
+        for step in 0..30 {
+            let told = Measurement {
+                curvature_per_mm: Some(1.5 * CURVATURE_PER_MM),
+                ..Measurement::of(start)
+            };
+            let silent = if step == 0 {
+                told
+            } else {
+                Measurement::of(start)
+            };
+            let inputs = [(&mut once, silent), (&mut always, told)]
+                .map(|(controller, measured)| controller.step(&measured, on_time(step)).input);
+            assert_eq!(inputs[0], inputs[1], "step {step}");
+        }
+    }
 }
