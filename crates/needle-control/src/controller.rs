@@ -9,7 +9,8 @@ use std::time::Duration;
 pub struct Measurement {
     /// Pose of the tip; `None` where the sample is missing.
     pub pose: Option<Pose>,
-    /// An estimate of the needle's curvature, 1/mm, where there is one; otherwise the controller's own model holds.
+    /// An estimate of the needle's curvature, 1/mm, where there is one. The last one stays until the next, or until the controller
+    /// is reset; before the first the controller's own model holds.
     pub curvature_per_mm: Option<f64>,
 }
 

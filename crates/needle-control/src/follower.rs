@@ -52,7 +52,9 @@ impl Follower {
             self.needle = needle;
         }
         let sample = self.guard.accept(&self.needle, measurement, time_s);
-        self.tracker.advance(sample.elapsed_s, sample.pose.as_ref());
+        let held = self.guard.previous();
+        self.tracker
+            .advance(sample.elapsed_s, held.v_mm_s, sample.pose.as_ref());
         sample
     }
 

@@ -14,7 +14,7 @@ pub struct PathSample<'a> {
     pub step: usize,
     /// Pose of the tip, measured or carried on by the model.
     pub pose: Pose,
-    /// The needle: the measured curvature where there is one, otherwise the model's.
+    /// The needle: of the last curvature measured, the model's before there is one.
     pub needle: Needle,
     /// The input held until now.
     pub held: Input,

@@ -28,6 +28,8 @@ pub(crate) struct Located {
 pub(crate) struct PathTracker {
     pub(crate) path: ReferencePath,
     pub(crate) settings: BaselineSettings,
+    model: Needle,
+    /// The needle of the last estimate of curvature, else the model.
     needle: Needle,
     clock: SampleClock,
     pose: Option<Pose>,
@@ -42,6 +44,7 @@ impl PathTracker {
         Self {
             path,
             settings,
+            model: needle,
             needle,
             clock: SampleClock::new(settings.dt_s, None),
             pose: None,
@@ -54,6 +57,7 @@ impl PathTracker {
 
     pub(crate) fn reset(&mut self) {
         self.clock = SampleClock::new(self.settings.dt_s, None);
+        self.needle = self.model;
         (self.pose, self.blind_s) = (None, 0.0);
         (self.step, self.turning_s, self.finished) = (0, 0.0, false);
     }
@@ -70,7 +74,8 @@ impl PathTracker {
         held: Input,
         elapsed_s: f64,
     ) -> Result<Located, StopReason> {
-        let needle = estimated_needle(&self.needle, measurement).unwrap_or(self.needle);
+        self.needle = estimated_needle(&self.model, measurement).unwrap_or(self.needle);
+        let needle = self.needle;
         let pose = self.believe(measurement.pose, needle, held, elapsed_s);
         // The end is the end, seen or not.
         if self.finished {

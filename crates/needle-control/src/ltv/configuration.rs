@@ -19,6 +19,7 @@ pub struct LinearWeights {
     /// Of the squared deviation from the reference's spin, s^2/rad^2.
     pub omega: f64,
     /// Of the squared change of the speed's deviation in a step, s^2/mm^2. Positive: it bounds the terminal set.
+    /// Charged at the first sample too, against rest: without error an insertion begins below the reference's speed and settles to it.
     pub v_change: f64,
     /// Of the squared change of the spin's deviation in a step, s^2/rad^2. Positive.
     pub omega_change: f64,

@@ -172,7 +172,8 @@ impl<const NX: usize> LinearController<NX> {
         self.chosen
     }
 
-    /// The stronger choices that [`TerminalChoice::Auto`] tried before the one in force, with the reasons; empty for a choice by name.
+    /// What [`TerminalChoice::Auto`] could not have in full, with the reasons: the stronger choices that it tried, and last the one in
+    /// force itself where its cost stands at the end without a set. Empty for a choice by name.
     #[must_use]
     pub fn refused_terminals(&self) -> &[RefusedChoice] {
         &self.refused

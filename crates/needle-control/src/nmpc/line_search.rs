@@ -3,6 +3,7 @@
 
 use super::plan::Plan;
 use super::shooting::Shooting;
+use crate::follower::Follower;
 use crate::tracking::Tracker;
 use nalgebra::Vector2;
 use needle_model::{Input, Needle};
@@ -42,27 +43,33 @@ impl Shooting {
 
     /// Moves the plan by the full step if that does not raise the cost of its inputs, simulated from its first pose; else by half of it,
     /// else not. Gauss-Newton leaves out the roll's curvature: far from the path full steps overshoot and alternate for good.
-    /// False, and the plan unchanged, if the full step is not finite.
-    pub(crate) fn take_falling_step(&mut self, needle: &Needle, tracker: &Tracker) -> bool {
-        let before = self.simulate(0.0, needle, tracker);
+    /// False, and the plan unchanged, if the full step is not finite. Inputs that cannot be reached from the one applied last, `reach_s`
+    /// ago, are compared as what would be applied: a plan shifted over a stop or a late sample promises more than it can keep.
+    pub(crate) fn take_falling_step(&mut self, follower: &Follower, reach_s: f64) -> bool {
+        let before = self.simulate(0.0, follower, reach_s);
         // A cost that is no number is no reason to doubt the step: it is judged by its own numbers.
-        if !(self.simulate(1.0, needle, tracker) > before) {
+        if !(self.simulate(1.0, follower, reach_s) > before) {
             return self.take_full_step();
         }
-        if self.simulate(0.5, needle, tracker) > before {
-            self.simulate(0.0, needle, tracker);
+        if self.simulate(0.5, follower, reach_s) > before {
+            self.simulate(0.0, follower, reach_s);
         }
         std::mem::swap(&mut self.plan, &mut self.trial);
         true
     }
 
-    /// Simulates the inputs at this length along the step into the trial plan; its cost.
-    fn simulate(&mut self, length: f64, needle: &Needle, tracker: &Tracker) -> f64 {
+    /// Simulates the inputs at this length along the step, as far as they can be reached, into the trial plan; its cost.
+    fn simulate(&mut self, length: f64, follower: &Follower, reach_s: f64) -> f64 {
         let (from, to) = (&self.plan.inputs, &self.programs.solution().u);
         self.trial.poses[0] = self.plan.poses[0];
-        self.trial
-            .fill(0, needle, self.dt_s, |_, k| along(from[k], &to[k], length));
-        self.cost(&self.trial, tracker)
+        let (limits, dt_s) = (self.limits, self.dt_s);
+        let mut held = follower.guard.previous();
+        self.trial.fill(0, &follower.needle, dt_s, |_, k| {
+            let since_s = if k == 0 { reach_s } else { dt_s };
+            held = limits.admissible(along(from[k], &to[k], length), held, since_s);
+            held
+        });
+        self.cost(&self.trial, &follower.tracker)
     }
 
     /// Largest entry of the step in poses and inputs.

@@ -109,7 +109,8 @@ impl NmpcController {
         self.chosen.choice
     }
 
-    /// The stronger choices that [`TerminalChoice::Auto`] tried before the one in force, with the reasons; empty for a choice by name.
+    /// What [`TerminalChoice::Auto`] could not have in full, with the reasons: the stronger choices that it tried, and last the one in
+    /// force itself where its cost stands at the end without a set. Empty for a choice by name.
     #[must_use]
     pub fn refused_terminals(&self) -> &[RefusedChoice] {
         &self.chosen.refused
@@ -178,7 +179,9 @@ impl NmpcController {
         }
         self.shooting.plan.embed(pose);
         let good = match self.configuration.convergence {
-            Convergence::RealTime => self.solve(sample, started) && self.take_real_time_step(),
+            Convergence::RealTime => {
+                self.solve(sample, started) && self.take_real_time_step(sample.reach_s)
+            }
             Convergence::Full {
                 tolerance,
                 max_iterations,
@@ -196,14 +199,11 @@ impl NmpcController {
 
     /// Moves the plan by one real-time iteration; false if that leads nowhere. The cost says nothing of the way into a terminal set: with
     /// one the step is taken in full.
-    fn take_real_time_step(&mut self) -> bool {
+    fn take_real_time_step(&mut self, reach_s: f64) -> bool {
         if self.chosen.ingredients.has_sets() {
             return self.shooting.take_full_step();
         }
-        let Follower {
-            needle, tracker, ..
-        } = &self.follower;
-        self.shooting.take_falling_step(needle, tracker)
+        self.shooting.take_falling_step(&self.follower, reach_s)
     }
 
     /// Solves for a step; false without one.

@@ -41,7 +41,7 @@ impl Plan {
         first: usize,
         needle: &Needle,
         dt_s: f64,
-        input: impl Fn(&Pose, usize) -> Input,
+        mut input: impl FnMut(&Pose, usize) -> Input,
     ) {
         for k in first..self.inputs.len() {
             let pose = self.poses[k];

@@ -32,7 +32,7 @@ use std::time::Instant;
 pub(crate) struct Shooting {
     pub(super) weights: NmpcWeights,
     spin_target: SpinTarget,
-    limits: InputLimits,
+    pub(super) limits: InputLimits,
     pub(super) dt_s: f64,
     damping: f64,
     pub(super) programs: Programs<6>,

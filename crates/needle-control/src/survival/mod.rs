@@ -20,7 +20,8 @@ pub struct Survival {
     /// Oldest plan that may stand in for a failed step, in samples.
     pub max_plan_age: usize,
     /// Distance from the expected position, at first the start of the path, beyond which a measurement is an outlier, mm. After
-    /// `max_plan_age` outliers in a row the next one is believed.
+    /// `max_plan_age` outliers without a credible one between them the next one is believed. Samples that are missing are no
+    /// outliers: they widen the gate by what the needle can travel meanwhile.
     pub max_jump_mm: f64,
 }
 
@@ -66,7 +67,12 @@ pub(crate) struct Guard {
     clock: SampleClock,
     start: Pose,
     expected: Option<Pose>,
-    missed: usize,
+    /// Poses refused since the last one that was believed.
+    refused: usize,
+    /// Time of the samples without a pose since then.
+    blind_s: f64,
+    /// Inputs of a plan that are kept, at most; a copy of an empty vector would have forgotten its capacity.
+    room: usize,
     plan: Vec<Input>,
     plan_age_s: f64,
 }
@@ -88,7 +94,9 @@ impl Guard {
             previous: Input::ZERO,
             clock: SampleClock::new(dt_s, None),
             expected: Some(start),
-            missed: 0,
+            refused: 0,
+            blind_s: 0.0,
+            room: horizon,
             plan: Vec::with_capacity(horizon),
             plan_age_s: 0.0,
         }
@@ -111,16 +119,15 @@ impl Guard {
         self.expected = self
             .expected
             .and_then(|pose| needle.step(&pose, self.previous, elapsed_s).ok());
-        let pose = measurement
-            .pose
-            .and_then(normalised)
-            .filter(|pose| self.believes(pose));
-        match pose {
-            Some(_) => {
-                self.missed = 0;
+        let measured = measurement.pose.and_then(normalised);
+        let pose = measured.filter(|pose| self.believes(pose));
+        match (measured, pose) {
+            (_, Some(_)) => {
+                (self.refused, self.blind_s) = (0, 0.0);
                 self.expected = pose;
             }
-            None => self.missed = self.missed.saturating_add(1),
+            (Some(_), None) => self.refused = self.refused.saturating_add(1),
+            (None, None) => self.blind_s += elapsed_s,
         }
         Sample {
             elapsed_s,
@@ -140,9 +147,15 @@ impl Guard {
     }
 
     fn believes(&self, pose: &Pose) -> bool {
-        self.missed >= self.survival.max_plan_age
+        // No gap times no limit of speed is no number.
+        let strayed_mm = match self.blind_s > 0.0 {
+            true => self.limits.v_max_mm_s.max(-self.limits.v_min_mm_s) * self.blind_s,
+            false => 0.0,
+        };
+        self.refused >= self.survival.max_plan_age
             || self.expected.is_none_or(|expected| {
-                (pose.position_mm - expected.position_mm).norm() <= self.survival.max_jump_mm
+                let jump_mm = (pose.position_mm - expected.position_mm).norm();
+                jump_mm <= self.survival.max_jump_mm + strayed_mm
             })
     }
 
@@ -157,8 +170,8 @@ impl Guard {
     /// Keeps a plan whose first input belongs to this sample.
     pub(crate) fn keep(&mut self, plan: impl Iterator<Item = Input>) {
         self.plan.clear();
-        let room = self.plan.capacity();
-        self.plan.extend(plan.take(room));
+        self.plan.reserve(self.room);
+        self.plan.extend(plan.take(self.room));
         self.plan_age_s = 0.0;
     }
 
@@ -184,7 +197,7 @@ impl Guard {
         self.previous = Input::ZERO;
         self.clock = SampleClock::new(self.dt_s, None);
         self.expected = Some(self.start);
-        self.missed = 0;
+        (self.refused, self.blind_s) = (0, 0.0);
         self.plan.clear();
         self.plan_age_s = 0.0;
     }

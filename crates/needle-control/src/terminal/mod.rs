@@ -41,7 +41,7 @@ pub enum TerminalChoice {
 pub struct RefusedChoice {
     /// The choice.
     pub choice: TerminalChoice,
-    /// Why it cannot be had for the reference.
+    /// Why it, or its set, cannot be had for the reference.
     pub reason: TerminalError,
 }
 

@@ -76,11 +76,20 @@ impl Tracker {
         self.path.inputs().get(step).copied().unwrap_or_default()
     }
 
-    /// Moves the present point and refills the horizon.
-    pub(crate) fn advance(&mut self, elapsed_s: f64, pose: Option<&Pose>) {
+    /// Moves the present point and refills the horizon; `v_mm_s` was held for `elapsed_s`. Progress that is not seen is what the
+    /// needle was told to travel, at the path's speed: none while it stands.
+    pub(crate) fn advance(&mut self, elapsed_s: f64, v_mm_s: f64, pose: Option<&Pose>) {
         match (self.tracking, pose) {
             (Tracking::Progress, Some(pose)) => self.project(&pose.position_mm),
-            _ => self.time_s = (self.time_s + elapsed_s).min(f64::MAX),
+            (Tracking::Progress, None) => {
+                let speed_mm_s = self.speed_mm_s(self.step());
+                if speed_mm_s > 0.0 {
+                    let travelled_s = (v_mm_s / speed_mm_s * elapsed_s).max(0.0);
+                    let last_s = self.path.duration_s().max(self.time_s);
+                    self.time_s = (self.time_s + travelled_s).min(last_s);
+                }
+            }
+            (Tracking::Time, _) => self.time_s = (self.time_s + elapsed_s).min(f64::MAX),
         }
         for k in 0..self.poses.len() {
             let time_s = self.time_s + k as f64 * self.dt_s;
@@ -108,6 +117,12 @@ impl Tracker {
         (step, fraction)
     }
 
+    /// Speed of the reference in a step, zero past its end.
+    fn speed_mm_s(&self, step: usize) -> f64 {
+        let input = self.path.inputs().get(step);
+        input.map_or(0.0, |u| u.v_mm_s.abs())
+    }
+
     fn project(&mut self, position_mm: &Vector3<f64>) {
         let path = &self.path;
         let progress = self
@@ -117,14 +132,11 @@ impl Tracker {
         // The nearest sample is within half a step of the nearest point: correct along the tangent.
         let nearest = &path.poses()[step];
         let ahead_mm = (position_mm - nearest.position_mm).dot(&nearest.tangent());
-        let speed_mm_s = path
-            .inputs()
-            .get(if ahead_mm < 0.0 {
-                step.saturating_sub(1)
-            } else {
-                step
-            })
-            .map_or(0.0, |u| u.v_mm_s.abs());
+        let speed_mm_s = self.speed_mm_s(if ahead_mm < 0.0 {
+            step.saturating_sub(1)
+        } else {
+            step
+        });
         let correction_s = if speed_mm_s > 0.0 {
             (ahead_mm / speed_mm_s).clamp(-path.dt_s(), path.dt_s())
         } else {

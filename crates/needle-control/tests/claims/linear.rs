@@ -50,7 +50,7 @@ fn ltv(terminal: TerminalChoice, limits: InputLimits) -> LtvController {
 }
 
 #[test]
-fn zero_error_returns_the_reference_input() {
+fn zero_error_settles_to_the_reference_input() {
     let mut controller = ltv(TerminalChoice::HelixDare, wide());
     let step = controller.step(&Measurement::of(Pose::identity()), 0.0);
     assert!(matches!(step.origin, Origin::Optimal), "{:?}", step.origin);

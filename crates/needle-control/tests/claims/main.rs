@@ -6,6 +6,7 @@
 )]
 
 mod closed_loop;
+mod copies;
 mod deadline;
 #[path = "../deviates/mod.rs"]
 mod deviates;
