@@ -1,7 +1,7 @@
 //! Tails, which criterion does not show: both solvers on the tracking problem in one process, median, 99.9 % and worst of cold solves, of Clarabel refilled, and of
 //! the warm closed loop, as ratios to Clarabel refilled; then the worst of many cold solves. Prints the tables of `docs/performance.md`.
 //!
-//! Times are the solutions' own (assembly included, residuals excluded). Every cold time is of another random start.
+//! Times are the solutions' own (assembly and extraction included, residuals excluded, for both solvers). Every cold time is of another random start.
 
 #![allow(clippy::print_stdout, reason = "the table is the product")]
 
@@ -15,7 +15,7 @@ const STARTS: u64 = 1000;
 
 const FEASIBLE: &str = "every start is feasible by construction";
 
-/// Starts for the worst case: 1e5, fewer where the horizon is long, so that the whole stays below six minutes.
+/// Starts for the worst case: min(1e5, 4e6/N), fewer where the horizon is long, so that the whole stays below six minutes.
 fn many_starts(horizon: usize) -> u64 {
     (4_000_000 / horizon as u64).min(100_000)
 }

@@ -10,6 +10,7 @@ use crate::multipliers::TerminalSetMultipliers;
 use crate::problem::OcpQp;
 use crate::softening::ConstraintGroup;
 use crate::solution::Solution;
+use crate::stage::Row;
 use crate::terminal::TerminalSet;
 use nalgebra::SVector;
 
@@ -91,6 +92,10 @@ impl Blame {
                 );
             }
             for (row, multiplier) in stage.rows.iter().zip(&multipliers.rows) {
+                if *multiplier > 0.0 && contradicts_itself(problem, k, row) {
+                    charge(ConstraintGroup::Rows, 1.0);
+                    continue;
+                }
                 let of_state = states
                     .as_ref()
                     .map_or(0.0, |states| states.weight(&(row.g_x * *multiplier).abs()));
@@ -108,6 +113,20 @@ impl Blame {
         );
         tally.blame()
     }
+}
+
+/// Whether a row without any unknown fails: it has a part in no condition, and is a proof by itself.
+fn contradicts_itself<const NX: usize, const NU: usize>(
+    problem: &OcpQp<NX, NU>,
+    k: usize,
+    row: &Row<NX, NU>,
+) -> bool {
+    let given = match k {
+        0 => row.g_x.dot(problem.initial_state()),
+        _ if row.g_x.amax() == 0.0 => 0.0,
+        _ => return false,
+    };
+    row.h_u.amax() == 0.0 && given > row.upper
 }
 
 /// Largest terms in the stationarity conditions of the components at one stage and over the horizon.

@@ -23,6 +23,8 @@ use nalgebra::{SMatrix, SVector};
 ///
 /// An input at the end of the horizon as well (u_0..u_N with N + 1 inputs) is written with one more stage whose dynamics is
 /// the identity (A = I, B = 0): `x_{N+1} = x_N` carries the terminal cost and set.
+///
+/// Upper bounds of 1e20 and more, and lower bounds of -1e20 and less, are absent bounds in public data; they are kept as infinite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OcpQp<const NX: usize, const NU: usize> {
     initial_state: SVector<f64, NX>,
@@ -61,8 +63,8 @@ impl<const NX: usize, const NU: usize> OcpQp<NX, NU> {
     /// positive semidefinite, or a crossed pair of bounds.
     pub fn new(
         initial_state: SVector<f64, NX>,
-        stages: Vec<Stage<NX, NU>>,
-        terminal: Terminal<NX>,
+        mut stages: Vec<Stage<NX, NU>>,
+        mut terminal: Terminal<NX>,
     ) -> Result<Self, ProblemError> {
         const {
             assert!(
@@ -78,6 +80,8 @@ impl<const NX: usize, const NU: usize> OcpQp<NX, NU> {
             stage.validate(Place::Stage(k))?;
         }
         let shape_factor = terminal.validate()?;
+        stages.iter_mut().for_each(Stage::drop_absent);
+        terminal.drop_absent();
         let (previous_input, softening) = (SVector::zeros(), Softening::default());
         Ok(Self {
             initial_state,

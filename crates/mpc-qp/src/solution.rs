@@ -17,9 +17,10 @@ use std::time::Duration;
     reason = "a boxed blame would allocate inside a solve"
 )]
 pub enum SolveStatus {
-    /// Optimal to the tolerance asked for.
+    /// Optimal to the tolerance asked for, in the solver's scaling: no shared residual exceeds 100 times the tolerance or 1e-4,
+    /// whichever is less (but not less than the tolerance itself).
     Solved,
-    /// Optimal to a looser tolerance; read [`Solution::residuals`].
+    /// Optimal to a looser tolerance, 1000 times as large, between 1e-5 and 1e-3; read [`Solution::residuals`].
     SolvedInaccurate,
     /// No trajectory satisfies the hard constraints; [`Solution::multipliers`] is a ray that proves it.
     PrimalInfeasible {
@@ -61,12 +62,11 @@ pub struct Solution<const NX: usize, const NU: usize> {
     pub status: SolveStatus,
     /// Cost at the solution, penalties included.
     pub objective: f64,
-    /// Interior-point iterations.
+    /// Factorisations: active-set sweeps, interior-point iterations and Newton steps together; Clarabel's iterations of all its passes.
     pub iterations: usize,
     /// Optimality conditions, recomputed from the problem.
     pub residuals: Residuals,
-    /// Wall time of the solve, assembly included. The structured solver stops its clock before the residuals are recomputed;
-    /// Clarabel's time includes them, as its second pass depends on them.
+    /// Wall time of the solve, assembly and extraction included; the time in which residuals are recomputed is taken off.
     pub time: Duration,
 }
 

@@ -64,14 +64,14 @@ impl SolverSettings {
 }
 
 /// Worst relative residual that a `Solved` may have: the solvers apply the tolerance in their own scaling, which differs from the
-/// shared measure by up to two decades. Below 1e-12 nothing but rounding would be asked for.
+/// shared measure by up to two decades. Below 1e-12 nothing but rounding would be asked for; above 1e-4 only what was asked for is granted.
 pub(crate) fn accurate_residual(tolerance: f64) -> f64 {
-    (100.0 * tolerance).max(1e-12)
+    (100.0 * tolerance).clamp(1e-12, 1e-4).max(tolerance)
 }
 
-/// Worst relative residual with which an answer is of use at all.
+/// Worst relative residual with which an answer is of use at all, whatever stopped the solver.
 pub(crate) fn usable_residual(tolerance: f64) -> f64 {
-    (1000.0 * tolerance).max(1e-5)
+    (1000.0 * tolerance).clamp(1e-5, 1e-3).max(tolerance)
 }
 
 /// A solver for problems of one structure.

@@ -9,10 +9,13 @@
 //! Mind the factor 1/2: a cost `x'Qx` is `q = 2 Q` here.
 
 use crate::error::{Place, ProblemError};
-use crate::validation::{bounds, finite, joint_positive_semidefinite, symmetric, upper_limit};
+use crate::validation::{
+    absent_bounds, absent_limit, bounds, finite, joint_positive_semidefinite, symmetric,
+    upper_limit,
+};
 use nalgebra::{SMatrix, SVector};
 
-/// One general row `g_x'x_k + h_u'u_k <= upper`; `upper = +inf` switches it off.
+/// One general row `g_x'x_k + h_u'u_k <= upper`; `upper = +inf`, or 1e20 and beyond, switches it off.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row<const NX: usize, const NU: usize> {
     /// Coefficients of the state, a row of G.
@@ -23,7 +26,7 @@ pub struct Row<const NX: usize, const NU: usize> {
     pub upper: f64,
 }
 
-/// Data of stage `k`. Bounds are infinite where absent.
+/// Data of stage `k`. Bounds are infinite where absent; a problem reads 1e20 and beyond as infinite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stage<const NX: usize, const NU: usize> {
     /// State matrix A.
@@ -121,11 +124,20 @@ impl<const NX: usize, const NU: usize> Stage<NX, NU> {
         Ok(())
     }
 
+    /// Makes the bounds infinite that are written as large numbers.
+    pub(crate) fn drop_absent(&mut self) {
+        absent_bounds(&mut self.u_min, &mut self.u_max);
+        absent_bounds(&mut self.du_min, &mut self.du_max);
+        absent_bounds(&mut self.x_min, &mut self.x_max);
+        (self.rows.iter_mut()).for_each(|row| absent_limit(&mut row.upper));
+    }
+
     /// Overwrites every value without allocating; the row counts must agree.
     pub(crate) fn overwrite(&mut self, source: &Self) {
         debug_assert_eq!(self.rows.len(), source.rows.len());
         let mut rows = std::mem::take(&mut self.rows);
         rows.copy_from_slice(&source.rows);
         *self = Self { rows, ..*source };
+        self.drop_absent();
     }
 }

@@ -1,10 +1,12 @@
 //! The end of the horizon: cost `1/2 x'P x + p'x`, bounds on `x_N`, and the terminal set.
 
 use crate::error::{Place, ProblemError};
-use crate::validation::{bounds, factor, finite, symmetric, upper_limit};
+use crate::validation::{
+    absent_bounds, absent_limit, bounds, factor, finite, symmetric, upper_limit,
+};
 use nalgebra::{SMatrix, SVector};
 
-/// One face of a polytope, `normal'x <= upper`; `upper = +inf` switches it off.
+/// One face of a polytope, `normal'x <= upper`; `upper = +inf`, or 1e20 and beyond, switches it off.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfSpace<const NX: usize> {
     /// Outer normal, of any length.
@@ -58,9 +60,9 @@ pub struct Terminal<const NX: usize> {
     pub p: SMatrix<f64, NX, NX>,
     /// Linear terminal cost p.
     pub p_linear: SVector<f64, NX>,
-    /// Lower bound of `x_N`, infinite where absent.
+    /// Lower bound of `x_N`, infinite (or -1e20 and beyond) where absent.
     pub x_min: SVector<f64, NX>,
-    /// Upper bound of `x_N`, infinite where absent.
+    /// Upper bound of `x_N`, infinite (or 1e20 and beyond) where absent.
     pub x_max: SVector<f64, NX>,
     /// Terminal set.
     pub set: TerminalSet<NX>,
@@ -138,6 +140,14 @@ impl<const NX: usize> Terminal<NX> {
         Ok(())
     }
 
+    /// Makes the bounds infinite that are written as large numbers.
+    pub(crate) fn drop_absent(&mut self) {
+        absent_bounds(&mut self.x_min, &mut self.x_max);
+        if let TerminalSet::Polytope { faces } = &mut self.set {
+            (faces.iter_mut()).for_each(|face| absent_limit(&mut face.upper));
+        }
+    }
+
     /// Overwrites every value without allocating; the structures must agree.
     pub(crate) fn overwrite(&mut self, source: &Self) {
         self.p = source.p;
@@ -150,5 +160,6 @@ impl<const NX: usize> Terminal<NX> {
             }
             (set, new) => set.clone_from(new),
         }
+        self.drop_absent();
     }
 }

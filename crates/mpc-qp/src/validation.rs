@@ -65,6 +65,27 @@ pub(crate) fn upper_limit(
     Ok(())
 }
 
+/// Bounds of this size and beyond mean none.
+const ABSENT: f64 = 1e20;
+
+pub(crate) fn absent_limit(upper: &mut f64) {
+    if *upper >= ABSENT {
+        *upper = f64::INFINITY;
+    }
+}
+
+pub(crate) fn absent_bounds<const N: usize>(
+    lower: &mut SVector<f64, N>,
+    upper: &mut SVector<f64, N>,
+) {
+    upper.iter_mut().for_each(absent_limit);
+    for low in lower.iter_mut() {
+        if *low <= -ABSENT {
+            *low = f64::NEG_INFINITY;
+        }
+    }
+}
+
 /// Names: of the pair, of the lower and of the upper bound.
 pub(crate) fn bounds<const N: usize>(
     place: Place,

@@ -35,6 +35,9 @@ const FAR_STEPS: usize = 4;
 /// Squared length, in the Hessian's norm, of a Newton step that no longer matters.
 const LEAST_DECREMENT: f64 = 1e-22;
 
+/// Updates of the multipliers; those that converge have been seen to take ten or so.
+const MULTIPLIER_UPDATES: usize = 60;
+
 /// Active-set sweeps tried after an update of the multipliers.
 const POLISH: Patience = Patience {
     sweeps: 3,
@@ -265,7 +268,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let tolerance = self.settings.tolerance;
         let (mut omega, mut before, mut far) = (10.0, f64::INFINITY, 0);
         self.newton.set_cost(problem, PROXIMAL, false);
-        loop {
+        for _ in 0..MULTIPLIER_UPDATES {
             let penalty = Penalty {
                 omega,
                 elastic: false,
@@ -305,5 +308,6 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             }
             before = residual;
         }
+        SolveStatus::NumericalTrouble
     }
 }

@@ -1,7 +1,7 @@
 //! Structured interior point with an active-set path, on memory allocated once.
 //!
 //! See `docs/solver.md` for the derivation. A solve tries active-set sweeps first (`active`): from the last answer if there is one,
-//! else from the unconstrained solution. Where they do not settle, Mehrotra's predictor-corrector (`interior`) takes over
+//! else from the feedback without bounds, clipped. Where they do not settle, Mehrotra's predictor-corrector (`interior`) takes over
 //! and hands its guess of the active set back as soon as it has one. What that leaves open, a slower method of multipliers
 //! decides (`careful`). Every answer is checked against the optimality
 //! conditions before it is called solved.
@@ -52,6 +52,8 @@ pub struct StructuredSolver<const NX: usize, const NU: usize> {
     /// The answer before the careful pass.
     first: Solution<NX, NU>,
     started: Instant,
+    /// Spent on residuals.
+    judging: Duration,
     iterations: usize,
 }
 
@@ -78,6 +80,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             costates: vec![nalgebra::SVector::zeros(); problem.horizon()],
             first: Solution::new(problem),
             started: Instant::now(),
+            judging: Duration::ZERO,
             iterations: 0,
         })
     }
@@ -98,8 +101,9 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         if !matches!(status, SolveStatus::PrimalInfeasible { .. }) {
             self.write(status, solution);
         }
-        solution.time = self.started.elapsed();
+        let judging = Instant::now();
         solution.residuals = Residuals::evaluate(problem, solution);
+        self.judging += judging.elapsed();
         solution.status = confirmed(status, solution.residuals.worst(), self.settings.tolerance);
     }
 
@@ -108,16 +112,19 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         std::mem::swap(solution, &mut self.first);
         let status = self.careful(problem, solution);
         self.conclude(problem, status, solution);
+        let ended = solution.status;
         let settled = matches!(
-            solution.status,
+            ended,
             SolveStatus::Solved | SolveStatus::PrimalInfeasible { .. }
         );
         let worse = solution.residuals.worst() >= self.first.residuals.worst();
-        if !settled
-            && (worse || !solution.status.has_solution())
-            && self.first.status.has_solution()
-        {
+        let lost = self.first.status.has_solution() && !ended.has_solution();
+        if !settled && (worse || lost) {
             std::mem::swap(solution, &mut self.first);
+            // Two stops without an answer: what ended the second is what ended the solve.
+            if !solution.status.has_solution() {
+                solution.status = ended;
+            }
         }
     }
 
@@ -230,6 +237,7 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
         solution: &mut Solution<NX, NU>,
     ) -> Result<(), SolveError> {
         self.started = Instant::now();
+        self.judging = Duration::ZERO;
         self.iterations = 0;
         self.newton.check_shape(problem)?;
         solution.check_shape(problem)?;
@@ -255,9 +263,10 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
                 | SolveStatus::NumericalTrouble
                 | SolveStatus::IterationLimit
         );
-        if doubtful && self.iterations < self.settings.max_iterations {
+        if doubtful && !self.stopped() {
             self.try_again(problem, solution);
         }
+        solution.time = self.started.elapsed().saturating_sub(self.judging);
         solution.iterations = self.iterations;
         solution.objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
         Ok(())

@@ -120,7 +120,9 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 verdict = run(Settle(newton));
             }
             if verdict.changes == 0 && !verdict.rough {
-                if verdict.distance.is_nan() || verdict.distance > 0.1 * tolerance {
+                // `larger` forgets a NaN, the sum of the gap does not.
+                let held = verdict.distance <= 0.1 * tolerance && verdict.gap.is_finite();
+                if !held {
                     return false;
                 }
                 if !self.stationary(tolerance) {

@@ -154,3 +154,86 @@ fn kept_factorisation_equals_a_fresh_one() {
     // With a factorisation that is not of these weights, sweeps do not settle.
     assert!(settled >= 35, "{settled} settled");
 }
+
+// After a solve `first` holds the point that was not taken.
+#[test]
+fn careful_pass_cut_short_leaves_the_better_point_and_the_whole_time() {
+    let mut unsettled = 0;
+    for seed in 0..100 {
+        let problem = random::problem::<6, 2>(seed, &Recipe::badly_scaled(seed, 30)).unwrap();
+        for max_iterations in [10, 20, 42, 45] {
+            let settings = SolverSettings {
+                max_iterations,
+                ..SolverSettings::default()
+            };
+            let mut solver = StructuredSolver::new(&problem, settings).unwrap();
+            let mut solution = Solution::new(&problem);
+            let clock = Instant::now();
+            solver.solve(&problem, Start::Cold, &mut solution).unwrap();
+            assert!(solution.time <= clock.elapsed());
+            let passed_twice = solver.first.residuals != Solution::new(&problem).residuals;
+            let settled = matches!(
+                solution.status,
+                SolveStatus::Solved | SolveStatus::PrimalInfeasible { .. }
+            );
+            if passed_twice && !settled {
+                unsettled += 1;
+                let (kept, left) = (solution.residuals.worst(), solver.first.residuals.worst());
+                assert!(kept <= left, "seed {seed}, {max_iterations}: {kept} {left}");
+                assert!(solution.time >= solver.first.time, "seed {seed}");
+            }
+        }
+    }
+    assert!(unsettled >= 10, "{unsettled} unsettled");
+}
+
+// A double integrator steered to the origin in units in which its states are 1e-6: the method of multipliers creeps.
+#[test]
+fn careful_pass_ends_without_an_iteration_limit() {
+    let unit = 1e-6;
+    let mut stage = Stage::new(
+        nalgebra::Matrix2::new(1.0, 0.1, 0.0, 1.0),
+        nalgebra::Vector2::new(0.005, 0.1) * unit,
+    );
+    stage.r = Matrix1::new(1.0);
+    let mut terminal = Terminal::new(nalgebra::Matrix2::zeros());
+    terminal.set = crate::terminal::TerminalSet::Equality {
+        target: nalgebra::Vector2::zeros(),
+    };
+    let start = nalgebra::Vector2::new(1.0, 0.0) * unit;
+    let problem = OcpQp::new(start, vec![stage; 20], terminal).unwrap();
+    let settings = SolverSettings {
+        max_iterations: 100_000,
+        ..SolverSettings::default()
+    };
+    let mut solver = StructuredSolver::new(&problem, settings).unwrap();
+    run(Load(&mut solver.newton, &problem));
+    let status = solver.careful(&problem, &mut Solution::new(&problem));
+    assert_ne!(status, SolveStatus::IterationLimit);
+    assert!(solver.iterations < 4000, "{}", solver.iterations);
+}
+
+// A loose tolerance must not turn a stop with a residual of 1 into an answer.
+#[test]
+fn answer_of_a_loose_tolerance_is_still_an_answer() {
+    let mut answers = 0;
+    for seed in 0..100 {
+        let problem = random::problem::<6, 2>(seed, &Recipe::feasible(seed, 30)).unwrap();
+        for (tolerance, max_iterations) in [(1e-3, 2), (1e-3, 5), (1e-4, 2), (1e-4, 5), (0.5, 3)] {
+            let settings = SolverSettings {
+                tolerance,
+                max_iterations,
+                ..SolverSettings::default()
+            };
+            let mut solver = StructuredSolver::new(&problem, settings).unwrap();
+            let mut solution = Solution::new(&problem);
+            solver.solve(&problem, Start::Cold, &mut solution).unwrap();
+            if solution.status.has_solution() {
+                answers += 1;
+                let worst = solution.residuals.worst();
+                assert!(worst <= tolerance.max(1e-3), "{worst:e} for {tolerance:e}");
+            }
+        }
+    }
+    assert!(answers > 50, "{answers} answers");
+}

@@ -1,11 +1,13 @@
 //! What settings, guesses and refills promise: limits hold in every phase, nothing is left over from a guess or a refill.
 
-use crate::structured;
+use crate::{answers, refused_for, structured};
 use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{
-    OcpSolver, Solution, SolveError, SolveStatus, SolverSettings, Start, StructuredSolver,
+    ConstraintGroup, OcpQp, OcpSolver, Solution, SolveError, SolveStatus, SolverSettings, Start,
+    StructuredSolver, TerminalSet,
 };
+use nalgebra::Vector6;
 
 #[test]
 fn no_phase_takes_more_iterations_than_allowed() {
@@ -139,20 +141,48 @@ fn state_bounds_that_vanish_leave_no_multipliers() {
     }
 }
 
-// An absent bound may be written as 1e20: no violation of another may pass beside it.
-#[test]
-fn violations_show_beside_a_bound_of_1e20() {
-    let mut problem = Tracking::default()
+/// The tracking problem with absent bounds written as `large`, as in most public data.
+fn with_large_bounds(large: f64, set: TerminalSet<6>) -> OcpQp<6, 2> {
+    let tracked = Tracking::default()
         .problem(Tracking::start(5), 20, false)
         .unwrap();
-    let mut stage = problem.stages()[7].clone();
-    stage.u_max[1] = 1e20;
-    problem.set_stage(7, &stage).unwrap();
-    let good = structured(&problem);
-    let mut bad = good.clone();
-    bad.u[3][0] = problem.stages()[3].u_max[0] + 1.0;
-    bad.evaluate(&problem);
-    assert!(bad.residuals.constraints.relative() > 1e-3, "{bad:?}");
+    let (mut stages, mut terminal) = (tracked.stages().to_vec(), tracked.terminal().clone());
+    for stage in &mut stages {
+        let absent = |bound: f64| bound.clamp(-large, large);
+        (stage.x_min, stage.x_max) = (stage.x_min.map(absent), stage.x_max.map(absent));
+        (stage.du_min, stage.du_max) = (stage.du_min.map(absent), stage.du_max.map(absent));
+    }
+    stages[7].u_max[1] = large;
+    (terminal.x_min, terminal.x_max) = (Vector6::repeat(-large), Vector6::repeat(large));
+    terminal.set = set;
+    OcpQp::new(*tracked.initial_state(), stages, terminal).unwrap()
+}
+
+#[test]
+fn bounds_of_1e20_are_absent() {
+    for large in [1e20, 1e30] {
+        let problem = with_large_bounds(large, TerminalSet::None);
+        for (solver, good) in answers(&problem) {
+            assert_eq!(good.status, SolveStatus::Solved, "{solver}, {large:e}");
+            let mut bad = good.clone();
+            bad.u[3][0] = problem.stages()[3].u_max[0] + 1.0;
+            bad.evaluate(&problem);
+            assert!(bad.residuals.constraints.relative() > 1e-3, "{bad:?}");
+        }
+        let target = Vector6::repeat(1e3);
+        let unreachable = with_large_bounds(large, TerminalSet::Equality { target });
+        refused_for("unreachable", &unreachable, &[ConstraintGroup::TerminalSet]);
+    }
+    // A refill reads them alike.
+    let mut problem = with_large_bounds(1e20, TerminalSet::None);
+    let mut stage = problem.stages()[2].clone();
+    (stage.u_min[0], stage.u_max[0]) = (-1e25, 1e25);
+    problem.set_stage(2, &stage).unwrap();
+    let read = &problem.stages()[2];
+    assert_eq!(
+        (read.u_min[0], read.u_max[0]),
+        (f64::NEG_INFINITY, f64::INFINITY)
+    );
 }
 
 #[test]

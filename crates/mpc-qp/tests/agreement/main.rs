@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests may fail loudly")]
 
 mod awkward;
+mod certificates;
 mod closed_forms;
 mod limits;
 mod literature;

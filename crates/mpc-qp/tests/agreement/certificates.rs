@@ -1,0 +1,171 @@
+//! Infeasibility certificates of both solvers, recomputed from the definition: `y'(b - A z)` evaluated at points z.
+
+use crate::answers;
+use mpc_qp::problems::random::{self, Recipe};
+use mpc_qp::{
+    ConstraintGroup, OcpQp, Place, Row, Solution, SolveStatus, Stage, Terminal, TerminalSet,
+    TerminalSetMultipliers,
+};
+use nalgebra::{Matrix1, SVector, Vector1};
+
+/// Sum of numbers, and of their sizes for an estimate of rounding.
+#[derive(Default, Clone, Copy)]
+struct Sum {
+    value: f64,
+    size: f64,
+}
+
+impl Sum {
+    fn add(&mut self, multiplier: f64, distance: f64) {
+        // Absent bounds have no multiplier.
+        if multiplier != 0.0 {
+            self.value += multiplier * distance;
+            self.size += (multiplier * distance).abs();
+        }
+    }
+
+    fn add_all<const N: usize>(
+        &mut self,
+        multipliers: &SVector<f64, N>,
+        distances: &SVector<f64, N>,
+    ) {
+        for (multiplier, distance) in multipliers.iter().zip(distances) {
+            self.add(*multiplier, *distance);
+        }
+    }
+}
+
+/// `y'(b - A z)` for the ray y and the trajectory `z = (u, x)`: multipliers times distances to the constraints.
+fn product<const NX: usize, const NU: usize>(
+    problem: &OcpQp<NX, NU>,
+    ray: &Solution<NX, NU>,
+    x: &[SVector<f64, NX>],
+    u: &[SVector<f64, NU>],
+) -> Sum {
+    let (n, y) = (problem.horizon(), &ray.multipliers);
+    let mut sum = Sum::default();
+    for (k, stage) in problem.stages().iter().enumerate() {
+        let (of, before) = (
+            &y.stages[k],
+            if k == 0 {
+                problem.previous_input()
+            } else {
+                &u[k - 1]
+            },
+        );
+        let step = u[k] - before;
+        sum.add_all(&of.u_min, &(u[k] - stage.u_min));
+        sum.add_all(&of.u_max, &(stage.u_max - u[k]));
+        sum.add_all(&of.du_min, &(step - stage.du_min));
+        sum.add_all(&of.du_max, &(stage.du_max - step));
+        if k > 0 {
+            sum.add_all(&of.x_min, &(x[k] - stage.x_min));
+            sum.add_all(&of.x_max, &(stage.x_max - x[k]));
+        }
+        for (row, multiplier) in stage.rows.iter().zip(&of.rows) {
+            sum.add(
+                *multiplier,
+                row.upper - row.g_x.dot(&x[k]) - row.h_u.dot(&u[k]),
+            );
+        }
+        let ahead = stage.a * x[k] + stage.b * u[k] + stage.c;
+        sum.add_all(&y.costates[k], &(x[k + 1] - ahead));
+    }
+    let terminal = problem.terminal();
+    sum.add_all(&y.terminal.x_min, &(x[n] - terminal.x_min));
+    sum.add_all(&y.terminal.x_max, &(terminal.x_max - x[n]));
+    match (&terminal.set, &y.terminal.set) {
+        (TerminalSet::Equality { target }, TerminalSetMultipliers::Equality(multiplier)) => {
+            sum.add_all(multiplier, &(target - x[n]));
+        }
+        (TerminalSet::Polytope { faces }, TerminalSetMultipliers::Polytope(multipliers)) => {
+            for (face, multiplier) in faces.iter().zip(multipliers) {
+                sum.add(*multiplier, face.upper - face.normal.dot(&x[n]));
+            }
+        }
+        (TerminalSet::Ellipsoid { .. }, TerminalSetMultipliers::Ellipsoid { radius, offset }) => {
+            let cone = problem.terminal_cone().unwrap();
+            sum.add(*radius, cone.radius);
+            sum.add_all(offset, &cone.offset(&x[n]));
+        }
+        _ => {}
+    }
+    sum
+}
+
+// A'y by differences along each unknown (the product is affine, so they are exact but for rounding), b'y at the origin.
+#[test]
+fn certificates_are_what_the_definition_says() {
+    for seed in 0..12 {
+        let problem = random::problem::<4, 2>(seed, &Recipe::infeasible(seed, 15)).unwrap();
+        let n = problem.horizon();
+        for (solver, solution) in answers(&problem) {
+            let SolveStatus::PrimalInfeasible { certificate, .. } = solution.status else {
+                panic!("{solver}, seed {seed}: {:?}", solution.status);
+            };
+            let mut x = vec![SVector::zeros(); n + 1];
+            x[0] = *problem.initial_state();
+            let mut u = vec![SVector::zeros(); n];
+            let origin = product(&problem, &solution, &x, &u);
+            let separation = -origin.value;
+            assert!(separation > 0.0, "{solver}, seed {seed}: {separation}");
+            let (mut steepest, mut size): (f64, f64) = (0.0, origin.size);
+            let mut difference = |there: Sum| {
+                steepest = steepest.max((there.value - origin.value).abs());
+                size = size.max(there.size);
+            };
+            for k in 0..n {
+                for i in 0..2 {
+                    u[k][i] = 1.0;
+                    difference(product(&problem, &solution, &x, &u));
+                    u[k][i] = 0.0;
+                }
+                for i in 0..4 {
+                    x[k + 1][i] = 1.0;
+                    difference(product(&problem, &solution, &x, &u));
+                    x[k + 1][i] = 0.0;
+                }
+            }
+            // Sums of some two hundred products.
+            let rounding = 1e-13 * size / separation;
+            let residual = steepest / separation;
+            assert!(
+                (residual - certificate.residual).abs() <= rounding + 1e-9 * residual,
+                "{solver}, seed {seed}: {residual:e} for {certificate:?}"
+            );
+            // What it proves: here is no feasible point, whose product would not be negative.
+            for k in 0..n {
+                u[k] = SVector::from_fn(|i, _| ((7 * k + 3 * i) as f64).sin());
+                x[k + 1] = SVector::from_fn(|i, _| ((5 * k + i) as f64).cos());
+            }
+            let there = product(&problem, &solution, &x, &u);
+            assert!(there.value < -0.5 * separation, "{solver}, seed {seed}");
+        }
+    }
+}
+
+#[test]
+fn row_that_only_the_given_state_enters_is_blamed() {
+    let mut stage = Stage::new(Matrix1::new(1.0), Matrix1::new(1.0));
+    stage.r = Matrix1::new(1.0);
+    (stage.u_min, stage.u_max) = (Vector1::new(-1.0), Vector1::new(1.0));
+    let mut stages = vec![stage; 3];
+    stages[0].rows = vec![Row {
+        g_x: Vector1::new(1.0),
+        h_u: Vector1::new(0.0),
+        upper: 0.0,
+    }];
+    let terminal = Terminal::new(Matrix1::new(1.0));
+    let problem = OcpQp::new(Vector1::new(1.0), stages, terminal).unwrap();
+    for (solver, solution) in answers(&problem) {
+        let SolveStatus::PrimalInfeasible { blame, .. } = solution.status else {
+            panic!("{solver}: {:?}", solution.status);
+        };
+        let first = blame.entries().next().unwrap();
+        assert_eq!(
+            (first.group, first.worst),
+            (ConstraintGroup::Rows, Place::Stage(0)),
+            "{solver}"
+        );
+    }
+}
