@@ -163,7 +163,7 @@ fn cost_of_the_needle_itself_falls_by_the_stage_cost() {
     )
     .unwrap();
     let mut noise = Deviates::seeded(29);
-    let size = Vector6::new(0.3, 0.3, 0.5, 0.03, 0.03, 0.4);
+    let size = Vector6::new(0.15, 0.15, 0.25, 0.015, 0.015, 0.2);
     let feasible = (0..16)
         .filter(|_| {
             let xi = size.map(|s| s * noise.either_way());
