@@ -184,7 +184,7 @@ fn careful_pass_cut_short_leaves_the_better_point_and_the_whole_time() {
             }
         }
     }
-    assert!(unsettled >= 10, "{unsettled} unsettled");
+    assert!(unsettled > 0, "no pass was cut short");
 }
 
 // A double integrator steered to the origin in units in which its states are 1e-6: the method of multipliers creeps.
