@@ -23,7 +23,7 @@ impl Figure {
     }
 }
 
-/// Names of [`Row::figures`].
+/// Names of [`Judged::figures`].
 pub(super) const COLUMNS: [&str; 5] = [
     "rms_mm",
     "max_mm",
