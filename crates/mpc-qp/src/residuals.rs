@@ -33,8 +33,8 @@ pub struct Residual {
 }
 
 /// Part of the largest term of all gradients below which no gradient is measured in [`Residuals::worst`]: solvers converge relative to
-/// the norm of all of them, and a hundred of their tolerances is what an answer may leave.
-const LEAST_PART: f64 = 0.01;
+/// the norm of all of them, some in a scaling of their own.
+const LEAST_PART: f64 = 0.1;
 
 impl Residual {
     /// The largest of `violation / max(1, terms)` over the scalar conditions, with the largest term that should have cancelled in
@@ -107,7 +107,7 @@ impl Residuals {
         residuals
     }
 
-    /// The largest of the relative residuals, that of stationarity relative to a hundredth of the largest term of all gradients at least.
+    /// The largest of the relative residuals, that of stationarity relative to a tenth of the largest term of all gradients at least.
     #[must_use]
     pub fn worst(&self) -> f64 {
         let Residual {
