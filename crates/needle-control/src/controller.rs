@@ -51,6 +51,17 @@ pub enum Origin {
     },
 }
 
+impl Origin {
+    /// What is ahead of the poses that were predicted when the plan in use was made.
+    pub(crate) fn ahead<'a>(&self, predicted: &'a [Pose]) -> &'a [Pose] {
+        match *self {
+            Self::Stop { .. } => &[],
+            Self::ShiftedPlan { age } => predicted.get(age..).unwrap_or_default(),
+            _ => predicted,
+        }
+    }
+}
+
 /// Why a controller brings the needle to rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopReason {

@@ -96,28 +96,22 @@ sensors.position_std_mm = 0.01
 sensors.tangent_std_rad = 0.0008726646
 ";
 
-const FILTERED: &str = "\
-estimator.kind = 'filter'
-sensors.roll_measured = false
-sensors.position_std_mm = 0.2
-sensors.tangent_std_rad = 0.01745329
-";
+/// Keys of the filter and its sensors, before the keys given.
+macro_rules! filtered {
+    ($keys:literal) => {
+        concat!(
+            "estimator.kind = 'filter'\n",
+            "sensors.roll_measured = false\n",
+            "sensors.position_std_mm = 0.2\n",
+            "sensors.tangent_std_rad = 0.01745329\n",
+            $keys
+        )
+    };
+}
 
-const FILTERED_LATE: &str = "\
-estimator.kind = 'filter'
-sensors.roll_measured = false
-sensors.position_std_mm = 0.2
-sensors.tangent_std_rad = 0.01745329
-sensors.delay_s = 0.1
-";
-
-const FILTERED_WEAK: &str = "\
-estimator.kind = 'filter'
-sensors.roll_measured = false
-sensors.position_std_mm = 0.2
-sensors.tangent_std_rad = 0.01745329
-plant.curvature_factor = 0.8
-";
+const FILTERED: &str = filtered!("");
+const FILTERED_LATE: &str = filtered!("sensors.delay_s = 0.1\n");
+const FILTERED_WEAK: &str = filtered!("plant.curvature_factor = 0.8\n");
 
 const fn exact(name: &'static str, path: &'static str, keys: &'static str) -> Case {
     Case {

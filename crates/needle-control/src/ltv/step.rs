@@ -138,15 +138,10 @@ impl<const NX: usize> LinearController<NX> {
         self.statistics = SolverStatistics::default();
         let (input, origin) = self.decide(measurement, time_s, started);
         self.statistics.time = started.elapsed();
-        let predicted: &[Pose] = match origin {
-            Origin::Stop { .. } => &[],
-            Origin::ShiftedPlan { age } => self.predicted.get(age..).unwrap_or_default(),
-            _ => &self.predicted,
-        };
         ControlStep {
             input,
             origin,
-            predicted,
+            predicted: origin.ahead(&self.predicted),
             statistics: self.statistics,
         }
     }

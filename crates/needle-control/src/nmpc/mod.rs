@@ -246,15 +246,10 @@ impl Controller for NmpcController {
         self.statistics = SolverStatistics::default();
         let (input, origin) = self.decide(measurement, time_s, started);
         self.statistics.time = started.elapsed();
-        let predicted: &[Pose] = match origin {
-            Origin::Stop { .. } => &[],
-            Origin::ShiftedPlan { age } => self.applied.get(age..).unwrap_or_default(),
-            _ => &self.applied,
-        };
         ControlStep {
             input,
             origin,
-            predicted,
+            predicted: origin.ahead(&self.applied),
             statistics: self.statistics,
         }
     }

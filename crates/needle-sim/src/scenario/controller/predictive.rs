@@ -12,6 +12,11 @@ use std::time::Duration;
 /// Longest horizon of a scenario: beyond it a run takes hours.
 const LONGEST_HORIZON: u64 = 1000;
 
+fn horizon(value: &mut usize, keys: &mut dyn Keys) {
+    let stages = (1, LONGEST_HORIZON);
+    size(keys, "horizon", value, stages, "samples of the horizon");
+}
+
 fn tracking(value: &mut Tracking, keys: &mut dyn Keys) {
     let about = "what fixes the present point of the path: the clock, or the tip";
     let variants = &[Tracking::Time, Tracking::Progress];
@@ -52,14 +57,7 @@ fn survival(survival: &mut Survival, keys: &mut dyn Keys) {
 }
 
 pub(super) fn nmpc(c: &mut NmpcConfiguration, keys: &mut dyn Keys) {
-    let stages = (1, LONGEST_HORIZON);
-    size(
-        keys,
-        "horizon",
-        &mut c.horizon,
-        stages,
-        "samples of the horizon",
-    );
+    horizon(&mut c.horizon, keys);
     tracking(&mut c.tracking, keys);
     let about = "what the spin's weight pulls toward; the reference's is right where the needle executes the path";
     let targets = &[SpinTarget::Rest, SpinTarget::Reference];
@@ -164,14 +162,7 @@ fn convergence(value: &mut Convergence, keys: &mut dyn Keys) {
 }
 
 pub(super) fn linear(c: &mut LinearConfiguration, keys: &mut dyn Keys) {
-    let stages = (1, LONGEST_HORIZON);
-    size(
-        keys,
-        "horizon",
-        &mut c.horizon,
-        stages,
-        "samples of the horizon",
-    );
+    horizon(&mut c.horizon, keys);
     tracking(&mut c.tracking, keys);
     terminal(&mut c.terminal, keys);
     survival(&mut c.survival, keys);
