@@ -2,7 +2,7 @@
 //!
 //! Every public entry validates here once; the code behind assumes validity.
 
-use crate::dense;
+use crate::arithmetic::dense;
 use faer::{Mat, MatRef};
 
 /// An input that is not a problem at all.

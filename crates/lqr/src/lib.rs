@@ -1,60 +1,32 @@
 #![doc = include_str!("../README.md")]
 
-mod balance;
+mod arithmetic;
 mod certificate;
 mod chain;
-mod chain_claim;
-mod chain_error;
-mod checks;
-mod conditioning;
-mod constraints;
-mod dare;
-mod dare_error;
-mod definiteness;
-mod dense;
-mod double_double;
-mod doubling;
-mod ellipsoid;
-mod exact;
-mod extended_solution;
-mod fixed_block;
-mod fixed_size;
-mod hautus;
-mod hessenberg_qr;
 mod input;
-mod max_volume;
-mod periodic;
-mod polytope;
-mod polytope_claim;
-mod proved_measure;
-mod rate_augmented;
+mod modes;
 mod riccati;
-mod routes;
-mod simplex;
-mod spectrum;
-mod subspace;
-mod terminal_claim;
-mod verdict;
-mod zeros;
+mod terminal_set;
 
-pub use certificate::{Certificate, Check, Rigour, Witness};
-pub use chain::{BackwardChain, Stage};
-pub use chain_claim::{ChainClaim, ChainClaimError};
-pub use chain_error::ChainError;
-pub use conditioning::{Conditioning, NearLoss};
-pub use constraints::{Constraint, ConstraintError, ConstraintKind, Constraints, LawRow};
-pub use dare::{Dare, DareSolution};
-pub use dare_error::DareError;
-pub use ellipsoid::{Ellipsoid, LevelReason, TerminalSetError, chain_levels};
-pub use hautus::{
-    Stabilisability, UncontrollableMode, UnobservableMode, stabilisability, unobservable_on_circle,
-};
+pub use certificate::chain_claim::{ChainClaim, ChainClaimError};
+pub use certificate::polytope_claim::PolytopeClaim;
+pub use certificate::record::{Certificate, Check, Rigour, Witness};
+pub use certificate::terminal_claim::TerminalClaim;
+pub use chain::backward::{BackwardChain, Stage};
+pub use chain::error::ChainError;
+pub use chain::periodic::PeriodicSolution;
 pub use input::InputError;
-pub use max_volume::largest_volume_ellipsoid;
-pub use periodic::PeriodicSolution;
-pub use polytope::{AdmissibleSet, Caps, Determination, SetRow};
-pub use polytope_claim::PolytopeClaim;
-pub use rate_augmented::RateAugmented;
-pub use spectrum::{SpectrumError, discrete_lyapunov, spectral_radius};
-pub use subspace::{ControllableSubspace, controllable_subspace};
-pub use terminal_claim::TerminalClaim;
+pub use modes::hautus::{stabilisability, unobservable_on_circle};
+pub use modes::mode::{Stabilisability, UncontrollableMode, UnobservableMode};
+pub use modes::spectrum::{SpectrumError, discrete_lyapunov, spectral_radius};
+pub use modes::subspace::{ControllableSubspace, controllable_subspace};
+pub use riccati::conditioning::{Conditioning, NearLoss};
+pub use riccati::dare::{Dare, DareSolution};
+pub use riccati::dare_error::DareError;
+pub use terminal_set::constraints::{
+    Constraint, ConstraintError, ConstraintKind, Constraints, LawRow,
+};
+pub use terminal_set::ellipsoid::{Ellipsoid, LevelReason, TerminalSetError, chain_levels};
+pub use terminal_set::max_volume::largest_volume_ellipsoid;
+pub use terminal_set::polytope::{AdmissibleSet, Caps, Determination, SetRow};
+pub use terminal_set::rate_augmented::RateAugmented;

@@ -1,0 +1,76 @@
+//! What is nearly lost in a solution that is valid and fragile.
+
+use crate::arithmetic::dense::{cholesky, cholesky_solve, identity, norm_one};
+use crate::arithmetic::fixed_size::{by_states, inverse_norm_one};
+use crate::modes::mode::UncontrollableMode;
+use crate::riccati::proved_measure::WEAK;
+use faer::Mat;
+
+/// A closed loop with a larger spectral radius is slow.
+pub(crate) const SLOW: f64 = 0.999;
+/// A residual above this has lost digits.
+pub(crate) const LOST_DIGITS: f64 = 1e-11;
+/// A P of a larger condition is ill conditioned.
+const ILL_CONDITIONED: f64 = 1e7;
+
+/// What is nearly lost in an otherwise good solution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
+pub enum NearLoss {
+    /// The closed loop's spectral radius is above 0.999.
+    SlowClosedLoop,
+    /// A mode that needs an input has a Hautus measure below 1e-6.
+    WeakInput,
+    /// The condition number of P is above 1e7, infinite included.
+    IllConditionedP,
+    /// The residual could not be brought below 1e-11.
+    Residual,
+}
+
+/// The warning of a solution that is valid and fragile.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Conditioning {
+    /// What is nearly lost, at least one.
+    pub losses: Vec<NearLoss>,
+    /// The weakest mode on or outside the unit circle (balanced coordinates), where there is one.
+    pub weakest_mode: Option<UncontrollableMode>,
+}
+
+impl Conditioning {
+    /// What is nearly lost by these figures, if anything is.
+    pub(crate) fn of(
+        spectral_radius: f64,
+        weakest_mode: Option<UncontrollableMode>,
+        condition: f64,
+        relative_residual: f64,
+    ) -> Option<Self> {
+        let weak = weakest_mode
+            .as_ref()
+            .is_some_and(|mode| mode.measure < WEAK);
+        let losses: Vec<NearLoss> = [
+            (spectral_radius > SLOW, NearLoss::SlowClosedLoop),
+            (weak, NearLoss::WeakInput),
+            // Written so that NaN counts as well.
+            (!(condition < ILL_CONDITIONED), NearLoss::IllConditionedP),
+            (relative_residual > LOST_DIGITS, NearLoss::Residual),
+        ]
+        .into_iter()
+        .filter_map(|(lost, loss)| lost.then_some(loss))
+        .collect();
+        (!losses.is_empty()).then_some(Self {
+            losses,
+            weakest_mode,
+        })
+    }
+}
+
+/// Condition number in the one-norm.
+pub(crate) fn condition(p: &Mat<f64>) -> f64 {
+    if let Some(inverse) = by_states!(p.nrows(), inverse_norm_one(p)) {
+        return norm_one(p) * inverse;
+    }
+    match cholesky(p) {
+        Some(l) => norm_one(p) * norm_one(&cholesky_solve(&l, identity(p.nrows()))),
+        None => f64::INFINITY,
+    }
+}
