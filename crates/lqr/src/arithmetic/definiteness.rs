@@ -45,6 +45,10 @@ pub(crate) fn indefinite_cost(p: &Mat<f64>) -> Option<(f64, f64)> {
 
 /// With `allowed` of the largest entry added to the diagonal, and the diagonal then scaled to one, up to `rounding` a row.
 fn indefinite_at_unit_diagonal(w: &Mat<f64>, allowed: f64, rounding: f64) -> Option<(f64, f64)> {
+    // A factor settles it in whatever units: its rounding is relative to the diagonal entries of each pair.
+    if is_definite_above(w, 0.0) {
+        return None;
+    }
     let n = w.nrows();
     let largest = max_abs(w.as_ref());
     let allowed = allowed * largest;
