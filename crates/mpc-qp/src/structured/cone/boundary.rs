@@ -113,11 +113,12 @@ impl<const NX: usize> Cone<NX> {
         }
     }
 
-    /// Guesses from an interior-point iterate: active where the slack shrinks faster than the multiplier.
+    /// Guesses from an interior-point iterate: active where the depth shrinks faster than the multiplier. (Depth over length tells
+    /// nothing: near the central path it is the same for slack and multiplier, active or not.)
     pub(in crate::structured) fn guess_from_iterate(&mut self) {
         let depth = self.s.depth();
-        let active =
-            depth * self.z.head < self.z.depth().max(depth) * self.s.head && self.z.head > depth;
+        let outward = self.s.tail_inner(&self.ds) / self.s.norm().max(f64::MIN_POSITIVE);
+        let active = (self.ds.head - outward) * self.z.head < self.dz.head * depth;
         self.place = match self.price {
             _ if !active => Place::Inside,
             Price::Quadratic(_) => Place::Beyond,
