@@ -40,7 +40,7 @@ impl Verdict {
 /// Lane's place in the guess: outside, held at the bound, or beyond a soft bound.
 pub(super) const OUTSIDE: f64 = 0.0;
 pub(super) const HELD: f64 = 1.0;
-const BEYOND: f64 = 2.0;
+pub(super) const BEYOND: f64 = 2.0;
 /// Outside, and met by the clipped feedback.
 pub(super) const MET: f64 = -1.0;
 

@@ -42,6 +42,7 @@ const MULTIPLIER_UPDATES: usize = 60;
 const POLISH: Patience = Patience {
     sweeps: 3,
     wrong: usize::MAX,
+    free: 3,
 };
 
 /// One Newton step with exact line search; returns the step's squared length in the Hessian's norm.

@@ -1,5 +1,6 @@
 //! What passes between the phases of a solve: starting slacks and multipliers, guesses, kept iterates, rays.
 
+use super::active::{BEYOND, HELD, OUTSIDE};
 use super::bounds::Lane;
 use super::channel::{Channel, SIGN};
 use super::soft::{self, Price};
@@ -14,8 +15,9 @@ pub(super) fn width(lane: &Lane, opposite: &Lane, i: usize) -> f64 {
 }
 
 impl Channel {
-    /// Guesses from an interior-point iterate: held where the multiplier outweighs the slack.
-    pub(super) fn guess_from_iterate(&mut self) {
+    /// Guesses from an interior-point iterate: held where the multiplier outweighs the slack. True if the guess is not the one before.
+    pub(super) fn guess_from_iterate(&mut self) -> bool {
+        let mut changed = false;
         for side in 0..2 {
             if !self.used[side] {
                 continue;
@@ -24,25 +26,25 @@ impl Channel {
                 for i in 0..4 {
                     // Compare the relative changes that complementarity forces on each: scale-free.
                     let held = lane.on[i] != 0.0 && lane.ds[i] * lane.z[i] < lane.dz[i] * lane.s[i];
-                    lane.place[i] = match self.price {
-                        _ if !held => 0.0,
-                        Price::Hard => 1.0,
-                        Price::Quadratic(_) => 2.0,
+                    let place = match self.price {
+                        _ if !held => OUTSIDE,
+                        Price::Hard => HELD,
+                        Price::Quadratic(_) => BEYOND,
                         Price::Exact(_) => {
                             let slack = &self.slacks[side][l];
                             if slack.e[i] * lane.z[i] > lane.s[i].max(1e-12) * slack.nu[i] {
-                                2.0
+                                BEYOND
                             } else {
-                                1.0
+                                HELD
                             }
                         }
                     };
-                    if !held {
-                        lane.z[i] = 0.0;
-                    }
+                    changed |= place != lane.place[i];
+                    lane.place[i] = place;
                 }
             }
         }
+        changed
     }
 
     /// Keeps values, multipliers and slacks, to come back to them.

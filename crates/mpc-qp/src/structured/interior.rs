@@ -27,10 +27,11 @@ const STARTING_PART: f64 = 0.05;
 const FINISH: Patience = Patience {
     sweeps: 6,
     wrong: 3,
+    free: 1,
 };
 
 /// Refinements of an iterate that has converged in all but stationarity.
-const REFINEMENTS: usize = 3;
+pub(super) const REFINEMENTS: usize = 3;
 
 /// Part of the gap tolerance at which an iterate that is not stationary will not become so.
 const EXHAUSTED: f64 = 1e-4;
@@ -85,16 +86,21 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         if active > 0.0 { sum / active } else { 1.0 }
     }
 
-    /// Active-set sweeps from the iterate's guess; comes back to the iterate if they do not settle.
-    fn finish(&mut self) -> bool {
+    /// Active-set sweeps from the iterate's guess; comes back to the iterate if they do not settle. A guess that has `failed` before is
+    /// not tried again.
+    fn finish(&mut self, failed: &mut bool) -> bool {
+        let mut fresh = !*failed;
         for channel in self.newton.channels() {
+            fresh |= channel.guess_from_iterate();
             channel.save();
-            channel.guess_from_iterate();
+        }
+        if let Some(cone) = &mut self.newton.cone {
+            fresh |= cone.guess_from_iterate();
+        }
+        if !fresh {
+            return false;
         }
         let kept = self.newton.cone.clone();
-        if let Some(cone) = &mut self.newton.cone {
-            cone.guess_from_iterate();
-        }
         if self.sweep(FINISH) {
             return true;
         }
@@ -102,6 +108,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             channel.restore();
         }
         self.newton.cone = kept;
+        *failed = true;
         false
     }
 
@@ -178,6 +185,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         // What is left of the starting residuals.
         let mut infeasible = 1.0;
         let mut short_steps = 0;
+        let mut failed = false;
         let tolerance = self.settings.tolerance;
         let limit = self
             .settings
@@ -231,7 +239,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 return SolveStatus::NumericalTrouble;
             }
             let identified = step > 0.5 && sigma < 0.1 && infeasible < 1e-3;
-            if identified && self.finish() {
+            if identified && self.finish(&mut failed) {
                 return SolveStatus::Solved;
             }
             let channels = self.newton.channels();

@@ -92,6 +92,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             cost_unit: 1.0,
             values: vec![Value::ZERO; n + 1],
             factorised: Factorised::Stale,
+            stiff_end: false,
             gains: vec![Gain::ZERO; n],
             feedforward: vec![[0.0; NU]; n],
             gradient: vec![([0.0; NX], [0.0; NU]); n],

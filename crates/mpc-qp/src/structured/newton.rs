@@ -81,6 +81,8 @@ pub(super) struct Newton<const NX: usize, const NU: usize> {
     pub(super) values: Vec<Value<NX, NU>>,
     /// What the factorisation at hand belongs to.
     pub(super) factorised: Factorised,
+    /// Whether the ellipsoid's weight at the end of the horizon calls for the closed-loop form.
+    pub(super) stiff_end: bool,
     /// Factorised stages.
     pub(super) gains: Vec<Gain<NX, NU>>,
     /// Feedforward inputs of the last backward pass.

@@ -6,6 +6,9 @@ use super::kernel::{Lanes, Phase, add_product};
 use super::newton::{Factorised, Newton, at};
 use super::penalty::Penalty;
 
+/// Weight of the ellipsoid on a state, in units of the terminal cost's, from which the textbook form loses too many digits.
+const STIFF: f64 = 1e4;
+
 /// Factorises the system and does the backward pass for the channels' present forces.
 pub(super) struct Factorise<'a, const NX: usize, const NU: usize> {
     /// The system.
@@ -50,6 +53,7 @@ impl<const NX: usize, const NU: usize> Phase for Factorise<'_, NX, NU> {
                 ConeTerm::Penalty(penalty) => cone.penalise(lanes, &x, penalty, xx, gx),
             }
         }
+        newton.stiff_end = (0..NX).any(|i| value.xx[i][i] > STIFF * newton.p[i][i]);
         newton.values[newton.n] = value;
         newton.factorised = Factorised::of(with_cone);
         for k in (changed..newton.n).rev() {

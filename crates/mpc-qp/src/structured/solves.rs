@@ -198,6 +198,7 @@ impl<const NX: usize, const NU: usize> Phase for SolveAbsolute<'_, NX, NU> {
         let mut value = newton.terminal_value(lanes, &mut costate.0);
         newton.values[newton.n] = value;
         newton.factorised = Factorised::Plain;
+        newton.stiff_end = false;
         for k in (0..newton.n).rev() {
             let stage = &newton.stages[k];
             costate.0 = add_product(lanes, &value.xx, &stage.c, &costate.0);

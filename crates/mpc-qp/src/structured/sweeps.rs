@@ -3,6 +3,7 @@
 use super::StructuredSolver;
 use super::clipping::{Cuts, FEW};
 use super::cone::Place;
+use super::interior::REFINEMENTS;
 use super::kernel::run;
 use super::passes::{ConeTerm, Factorise};
 use super::read::Read;
@@ -24,18 +25,22 @@ pub(super) struct Patience {
     pub(super) sweeps: usize,
     /// Wrong places in the guess that another sweep is not expected to mend.
     pub(super) wrong: usize,
+    /// Sweeps whose number of wrong places need not fall.
+    pub(super) free: usize,
 }
 
 /// The warm path before the cold attempt.
 const WARM: Patience = Patience {
     sweeps: 5,
     wrong: usize::MAX,
+    free: 3,
 };
 
 /// The cold attempt before the interior point, from the guess of the clipped feedback.
 const COLD: Patience = Patience {
     sweeps: 8,
     wrong: 8,
+    free: 3,
 };
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
@@ -125,7 +130,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 if !held {
                     return false;
                 }
-                if !self.stationary(tolerance) {
+                if !(self.stationary(tolerance) || self.refine_held(tolerance)) {
                     return false;
                 }
                 // Only now: an interior point that goes on needs its own slacks.
@@ -136,12 +141,25 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             }
             // A method that cycles stops improving: better to leave early.
             if verdict.changes > patience.wrong
-                || (verdict.changes > 0 && verdict.changes >= fewest && sweep >= 3)
+                || (verdict.changes > 0 && verdict.changes >= fewest && sweep >= patience.free)
             {
                 return false;
             }
             fewest = fewest.min(verdict.changes.max(1));
         }
         false
+    }
+
+    /// Iterative refinement of a settled guess: solves for what is left of its conditions with the factorisation at hand. A weight of 1e10
+    /// on a state that the inputs hardly reach leaves a residual beside which the tolerance is small.
+    fn refine_held(&mut self, tolerance: f64) -> bool {
+        (0..REFINEMENTS).any(|_| {
+            let newton = &mut self.newton;
+            run(HoldActive(newton));
+            run(Resolve(newton));
+            let verdict = run(Settle(newton));
+            let same = verdict.changes == 0 && !verdict.rough;
+            same && verdict.distance <= 0.1 * tolerance && self.stationary(tolerance)
+        })
     }
 }

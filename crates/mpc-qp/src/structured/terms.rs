@@ -193,7 +193,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         let stage = &self.stages[k];
         let (u_weight, rate_weight) = (*at(&self.inputs.weight, k), *at(&self.rates.weight, k));
         let (first, last) = (self.row_start[k], self.row_start[k + 1]);
-        let weights_on_states = self.weighs_states();
+        let weights_on_states = self.weighs_states() || self.stiff_end;
         if first == last {
             let cost = Curvature {
                 q: &stage.q,

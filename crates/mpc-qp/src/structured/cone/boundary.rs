@@ -115,7 +115,9 @@ impl<const NX: usize> Cone<NX> {
 
     /// Guesses from an interior-point iterate: active where the depth shrinks faster than the multiplier. (Depth over length tells
     /// nothing: near the central path it is the same for slack and multiplier, active or not.)
-    pub(in crate::structured) fn guess_from_iterate(&mut self) {
+    /// True if the guess is not the one before.
+    pub(in crate::structured) fn guess_from_iterate(&mut self) -> bool {
+        let before = self.place;
         let depth = self.s.depth();
         let outward = self.s.tail_inner(&self.ds) / self.s.norm().max(f64::MIN_POSITIVE);
         let active = (self.ds.head - outward) * self.z.head < self.dz.head * depth;
@@ -125,9 +127,7 @@ impl<const NX: usize> Cone<NX> {
             Price::Exact(_) if self.e * self.z.head > depth.max(1e-12) * self.nu => Place::Beyond,
             _ => Place::Held,
         };
-        if !active {
-            self.z.head = 0.0;
-        }
+        self.place != before
     }
 
     /// Judges the guess after the step `dx` to `x`; a guess whose linearisation was too coarse is wrong too.
