@@ -16,8 +16,16 @@ const CENTERING: f64 = 10.0;
 /// Least starting slack as a fraction of the bounds' distance.
 const LEAST_SLACK: f64 = 0.1;
 
-/// Fraction of the way to the boundary.
-const STEP_FRACTION: f64 = 0.995;
+/// Part of the way to the boundary that a step leaves over, at least.
+const NARROW: f64 = 0.005;
+
+/// At most, in steps that aim at much centring: an ellipsoid that is nearly touched has its slack and its multiplier small in turn, and
+/// shortens the steps that follow.
+const WIDE: f64 = 0.03;
+
+/// What is left of the starting residuals where such steps begin. Infeasible problems, whose residuals stay, are found out sooner by
+/// long steps.
+const NEARLY_FEASIBLE: f64 = 0.1;
 
 /// Starting products as a part of multiplier times distance, averaged over the bounds that the sweeps found active; where feedback was
 /// clipped, its own estimate is taken instead.
@@ -159,7 +167,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 newton,
                 corrected: true,
             });
-            let step = (STEP_FRACTION / reach.ratio.max(1e-300)).min(1.0);
+            let step = ((1.0 - NARROW) / reach.ratio.max(1e-300)).min(1.0);
             if !(step > 1e-12 && reach.product.is_finite()) {
                 return false;
             }
@@ -217,7 +225,12 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 newton,
                 corrected: true,
             });
-            let step = (STEP_FRACTION / reach.ratio.max(1e-300)).min(1.0);
+            let margin = if infeasible < NEARLY_FEASIBLE {
+                sigma.clamp(NARROW, WIDE)
+            } else {
+                NARROW
+            };
+            let step = ((1.0 - margin) / reach.ratio.max(1e-300)).min(1.0);
             let before = mu;
             if step > 1e-12 && reach.product.is_finite() {
                 infeasible *= 1.0 - step;

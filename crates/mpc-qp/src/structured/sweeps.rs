@@ -29,6 +29,9 @@ pub(super) struct Patience {
     pub(super) free: usize,
 }
 
+/// Further sweeps where the guess is right and only the ellipsoid has to be linearised anew.
+const LINEARISATIONS: usize = 3;
+
 /// The warm path before the cold attempt.
 const WARM: Patience = Patience {
     sweeps: 5,
@@ -93,11 +96,12 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     pub(super) fn sweep(&mut self, patience: Patience) -> bool {
         let tolerance = self.settings.tolerance;
         let mut fewest = usize::MAX;
+        let mut right = false;
         for channel in self.newton.channels() {
             channel.omega = OMEGA;
         }
-        for sweep in 0..patience.sweeps {
-            if self.stopped() {
+        for sweep in 0..patience.sweeps + LINEARISATIONS {
+            if self.stopped() || (sweep >= patience.sweeps && !right) {
                 return false;
             }
             self.iterations += 1;
@@ -139,6 +143,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 }
                 return true;
             }
+            right = verdict.changes == 0;
             // A method that cycles stops improving: better to leave early.
             if verdict.changes > patience.wrong
                 || (verdict.changes > 0 && verdict.changes >= fewest && sweep >= patience.free)
