@@ -192,15 +192,15 @@ fn careful_pass_cut_short_leaves_the_better_point_and_the_whole_time() {
 fn careful_pass_ends_without_an_iteration_limit() {
     let unit = 1e-6;
     let mut stage = Stage::new(
-        nalgebra::Matrix2::new(1.0, 0.1, 0.0, 1.0),
-        nalgebra::Vector2::new(0.005, 0.1) * unit,
+        Matrix2::new(1.0, 0.1, 0.0, 1.0),
+        Vector2::new(0.005, 0.1) * unit,
     );
     stage.r = Matrix1::new(1.0);
-    let mut terminal = Terminal::new(nalgebra::Matrix2::zeros());
+    let mut terminal = Terminal::new(Matrix2::zeros());
     terminal.set = crate::terminal::TerminalSet::Equality {
-        target: nalgebra::Vector2::zeros(),
+        target: Vector2::zeros(),
     };
-    let start = nalgebra::Vector2::new(1.0, 0.0) * unit;
+    let start = Vector2::new(1.0, 0.0) * unit;
     let problem = OcpQp::new(start, vec![stage; 20], terminal).unwrap();
     let settings = SolverSettings {
         max_iterations: 100_000,
