@@ -45,7 +45,7 @@ pub(super) struct Curvature<'a, const NX: usize, const NU: usize> {
     pub(super) u_weight: [f64; NU],
     /// Weights on u_k - u_{k-1}.
     pub(super) rate_weight: [f64; NU],
-    /// Whether weights on states force the closed-loop form.
+    /// Whether weights on states, or a stiff ellipsoid, force the closed-loop form.
     pub(super) closed_loop: bool,
 }
 
@@ -104,8 +104,8 @@ fn mirror<const N: usize>(m: &mut [[f64; N]; N]) {
 /// the next value's blocks P, Pxp, Ppp,
 /// Q + F'(P F - Pxp K) - S K - K'(S' + Ppx F - Ppp K - (R + W) K).
 /// It multiplies P by the square of what F leaves of a direction, where the textbook's Q + A'PA - Hxu K subtracts two numbers of the
-/// size of P. Where only inputs, rates and the ellipsoid have weights, the shorter textbook form is taken unless it loses more than
-/// three digits on its diagonal.
+/// size of P. Where only inputs, rates and an ellipsoid that is not stiff have weights, the shorter textbook form is taken unless it loses
+/// more than three digits on its diagonal.
 #[inline(always)]
 pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
     lanes: L,
