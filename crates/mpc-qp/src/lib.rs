@@ -14,6 +14,7 @@ mod solver;
 mod stage;
 mod structured;
 mod terminal;
+mod units;
 mod validation;
 
 pub mod conic;

@@ -27,13 +27,13 @@ use nalgebra::{SMatrix, SVector};
 /// Upper bounds of 1e20 and more, and lower bounds of -1e20 and less, are absent bounds in public data; they are kept as infinite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OcpQp<const NX: usize, const NU: usize> {
-    initial_state: SVector<f64, NX>,
-    previous_input: SVector<f64, NU>,
-    stages: Vec<Stage<NX, NU>>,
-    terminal: Terminal<NX>,
-    softening: Softening,
+    pub(crate) initial_state: SVector<f64, NX>,
+    pub(crate) previous_input: SVector<f64, NU>,
+    pub(crate) stages: Vec<Stage<NX, NU>>,
+    pub(crate) terminal: Terminal<NX>,
+    pub(crate) softening: Softening,
     /// L with `shape = L L'`; zero unless the terminal set is an ellipsoid.
-    shape_factor: SMatrix<f64, NX, NX>,
+    pub(crate) shape_factor: SMatrix<f64, NX, NX>,
 }
 
 /// The terminal ellipsoid as the second-order cone `|L'(x - center)| <= radius`.

@@ -69,3 +69,22 @@ fn pattern_grows_once_for_a_bound_that_appears_and_stays_when_it_goes() {
         assert_eq!(solver.builds(), builds);
     }
 }
+
+#[test]
+fn early_stop_is_an_answer_up_to_the_usable_residual() {
+    use super::extraction::status;
+    use clarabel::solver::SolverStatus::{AlmostSolved, InsufficientProgress, NumericalError};
+    let problem = random::problem::<4, 2>(1, &Recipe::feasible(1, 5)).unwrap();
+    let mut solver = ClarabelSolver::new(&problem, SolverSettings::default()).unwrap();
+    let mut solution = Solution::new(&problem);
+    solver.solve(&problem, Start::Cold, &mut solution).unwrap();
+    solution.u[0][0] += 1e-3;
+    solution.evaluate(&problem);
+    let worst = solution.residuals.worst();
+    assert!(worst > 1e-5);
+    for verdict in [AlmostSolved, InsufficientProgress, NumericalError] {
+        let mut graded = |usable| status(&problem, verdict, usable, &mut solution);
+        assert_eq!(graded(worst), SolveStatus::SolvedInaccurate);
+        assert_eq!(graded(0.999 * worst), SolveStatus::NumericalTrouble);
+    }
+}

@@ -21,7 +21,7 @@ fn price(penalty: Penalty, unit: f64) -> Price {
     }
 }
 
-/// The largest curvature of the cost in an input: R plus what the next state's weight makes of B.
+/// The largest curvature of the cost in an input: R plus what the next state's weight makes of B; the largest slope of a cost without.
 fn cost_unit<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> f64 {
     let mut largest: f64 = 0.0;
     for (k, stage) in problem.stages().iter().enumerate() {
@@ -35,6 +35,11 @@ fn cost_unit<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> f64 {
                 .sum();
             largest = largest.max(stage.r[(i, i)] + through);
         }
+    }
+    if largest == 0.0 {
+        let slopes = |stage: &StageData<NX, NU>| stage.r_linear.amax().max(stage.q_linear.amax());
+        let last = problem.terminal().p_linear.amax();
+        largest = problem.stages().iter().map(slopes).fold(last, f64::max);
     }
     if largest > 0.0 && largest.is_finite() {
         largest

@@ -38,6 +38,7 @@ use crate::residuals::Residuals;
 use crate::softening::ConstraintGroup;
 use crate::solution::{Solution, SolveStatus};
 use crate::solver::{OcpSolver, SolverSettings, Start, accurate_residual, usable_residual};
+use crate::units::Natural;
 use kernel::{Lanes, Phase, run};
 use newton::Newton;
 use solves::Costates;
@@ -51,10 +52,14 @@ pub struct StructuredSolver<const NX: usize, const NU: usize> {
     costates: Vec<nalgebra::SVector<f64, NX>>,
     /// The answer before the careful pass.
     first: Solution<NX, NU>,
+    /// The problem in its own units, there except during a solve in them.
+    natural: Option<Box<Natural<NX, NU>>>,
     started: Instant,
     /// Spent on residuals.
     judging: Duration,
     iterations: usize,
+    /// The largest unit of the values at hand, in which their distances from bounds count.
+    unit: f64,
 }
 
 struct Load<'a, const NX: usize, const NU: usize>(&'a mut Newton<NX, NU>, &'a OcpQp<NX, NU>);
@@ -79,9 +84,11 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             newton: Newton::new(problem),
             costates: vec![nalgebra::SVector::zeros(); problem.horizon()],
             first: Solution::new(problem),
+            natural: Some(Box::new(Natural::new(problem))),
             started: Instant::now(),
             judging: Duration::ZERO,
             iterations: 0,
+            unit: 1.0,
         })
     }
 
@@ -113,18 +120,66 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let status = self.careful(problem, solution);
         self.conclude(problem, status, solution);
         let ended = solution.status;
-        let settled = matches!(
-            ended,
-            SolveStatus::Solved | SolveStatus::PrimalInfeasible { .. }
-        );
         let worse = solution.residuals.worst() >= self.first.residuals.worst();
         let lost = self.first.status.has_solution() && !ended.has_solution();
-        if !settled && (worse || lost) {
+        if !settled(ended) && (worse || lost) {
             std::mem::swap(solution, &mut self.first);
             // Two stops without an answer: what ended the second is what ended the solve.
             if !solution.status.has_solution() {
                 solution.status = ended;
             }
+        }
+    }
+
+    /// Solves what was loaded, without account.
+    fn solve_loaded(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        start: Start,
+        solution: &mut Solution<NX, NU>,
+    ) {
+        let kept = match start {
+            Start::Warm if all_finite(solution) => self.warm_sweeps(solution),
+            Start::Warm | Start::Cold => false,
+        };
+        let status = if kept {
+            SolveStatus::Solved
+        } else {
+            let cuts = self.clipped_feedback();
+            if self.cold_sweeps(&cuts) {
+                SolveStatus::Solved
+            } else {
+                self.interior_point(problem, solution, &cuts)
+            }
+        };
+        self.conclude(problem, status, solution);
+        let doubtful = matches!(
+            solution.status,
+            SolveStatus::SolvedInaccurate
+                | SolveStatus::NumericalTrouble
+                | SolveStatus::IterationLimit
+        );
+        if doubtful && !self.stopped() {
+            self.try_again(problem, solution);
+        }
+    }
+
+    /// Solves the problem in its given units if the answer in others is not good enough for them; the better of the two stays.
+    fn mend_as_given(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        other: &mut Solution<NX, NU>,
+        solution: &mut Solution<NX, NU>,
+    ) {
+        if settled(solution.status) || self.stopped() {
+            return;
+        }
+        self.unit = 1.0;
+        run(Load(&mut self.newton, problem));
+        self.solve_loaded(problem, Start::Cold, other);
+        let better = other.residuals.worst() < solution.residuals.worst();
+        if settled(other.status) || (better && other.status.has_solution()) {
+            std::mem::swap(other, solution);
         }
     }
 
@@ -171,6 +226,14 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     }
 }
 
+/// An answer or a proof.
+fn settled(status: SolveStatus) -> bool {
+    matches!(
+        status,
+        SolveStatus::Solved | SolveStatus::PrimalInfeasible { .. }
+    )
+}
+
 /// The status after a look at the recomputed residuals: they may confirm, downgrade or, after a stop, upgrade it.
 fn confirmed(status: SolveStatus, residual: f64, tolerance: f64) -> SolveStatus {
     let usable = residual <= usable_residual(tolerance);
@@ -178,6 +241,10 @@ fn confirmed(status: SolveStatus, residual: f64, tolerance: f64) -> SolveStatus 
         SolveStatus::Solved if residual <= accurate_residual(tolerance) => SolveStatus::Solved,
         SolveStatus::Solved if usable => SolveStatus::SolvedInaccurate,
         SolveStatus::Solved => SolveStatus::NumericalTrouble,
+        // A stop at a point that is optimal all the same.
+        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if residual <= tolerance => {
+            SolveStatus::Solved
+        }
         SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if usable => {
             SolveStatus::SolvedInaccurate
         }
@@ -239,32 +306,30 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
         self.started = Instant::now();
         self.judging = Duration::ZERO;
         self.iterations = 0;
+        self.unit = 1.0;
         self.newton.check_shape(problem)?;
         solution.check_shape(problem)?;
         run(Load(&mut self.newton, problem));
-        let settled = match start {
-            Start::Warm if all_finite(solution) => self.warm_sweeps(solution),
-            Start::Warm | Start::Cold => false,
-        };
-        let status = if settled {
-            SolveStatus::Solved
+        let natural = if self.newton.depends_on_units() {
+            self.natural.take()
         } else {
-            let cuts = self.clipped_feedback();
-            if self.cold_sweeps(&cuts) {
-                SolveStatus::Solved
-            } else {
-                self.interior_point(problem, solution, &cuts)
-            }
+            None
         };
-        self.conclude(problem, status, solution);
-        let doubtful = matches!(
-            solution.status,
-            SolveStatus::SolvedInaccurate
-                | SolveStatus::NumericalTrouble
-                | SolveStatus::IterationLimit
-        );
-        if doubtful && !self.stopped() {
-            self.try_again(problem, solution);
+        if let Some(mut natural) = natural {
+            if natural.enter(problem, start, solution) {
+                run(Load(&mut self.newton, &natural.problem));
+                self.unit = natural.largest_unit();
+                self.solve_loaded(&natural.problem, start, &mut natural.solution);
+                let judging = Instant::now();
+                natural.leave(problem, self.settings.tolerance, solution);
+                self.judging += judging.elapsed();
+                self.mend_as_given(problem, &mut natural.solution, solution);
+            } else {
+                self.solve_loaded(problem, start, solution);
+            }
+            self.natural = Some(natural);
+        } else {
+            self.solve_loaded(problem, start, solution);
         }
         solution.time = self.started.elapsed().saturating_sub(self.judging);
         solution.iterations = self.iterations;

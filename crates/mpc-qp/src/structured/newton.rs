@@ -122,6 +122,12 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         self.states.any() || self.rows.any() || self.terminal.any()
     }
 
+    /// Whether the solver's constants may not suit the units: weights on states meet what inputs do to them, and a gap counts in the
+    /// unit of cost. Inputs and rates alone are weighed by the cost's own curvature, and the ellipsoid by its radius.
+    pub(super) fn depends_on_units(&self) -> bool {
+        self.weighs_states() || !(1e-6..=1e6).contains(&self.cost_unit)
+    }
+
     /// How many of the first stages an active-set sweep has to factorise anew: those up to the last input or rate whose weight is not
     /// what it was in the factorisation at hand. What comes after them has not changed.
     pub(super) fn stages_to_factorise(&self) -> usize {

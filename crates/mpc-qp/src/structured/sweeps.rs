@@ -119,7 +119,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 let small = verdict.gap * unit <= 0.1 * tolerance || verdict.gap > 0.5 * before;
                 if verdict.changes > 0
                     || verdict.rough
-                    || (verdict.distance <= 0.01 * tolerance && small)
+                    || (self.unit * verdict.distance <= 0.01 * tolerance && small)
                 {
                     break;
                 }

@@ -8,7 +8,7 @@ use mpc_qp::{ConstraintGroup, OcpQp, Penalty, Softening, Stage, Terminal};
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, SVector, Vector1, Vector2, Vector4};
 
 /// `exp(A h)` and `integral of exp(A s) ds B` by their power series.
-fn sampled<const NX: usize, const NU: usize>(
+pub(crate) fn sampled<const NX: usize, const NU: usize>(
     a: SMatrix<f64, NX, NX>,
     b: SMatrix<f64, NX, NU>,
     step_s: f64,

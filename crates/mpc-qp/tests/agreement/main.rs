@@ -7,9 +7,11 @@ mod certificates;
 mod closed_forms;
 mod limits;
 mod literature;
+mod plants;
 mod properties;
 mod random;
 mod softening;
+mod units;
 
 use mpc_qp::problems::random::{Recipe, SetKind, problem as random_problem};
 use mpc_qp::problems::tracking::Tracking;

@@ -1,0 +1,229 @@
+//! The passes of a solve: the first, and what follows where it leaves something open.
+//!
+//! A gap or an error in the dynamics that is worth too much calls for a second pass with tighter tolerances, a breakdown or a weak proof
+//! for a pass without cost. The shared residuals have the last word on the status.
+
+use super::{ClarabelSolver, clarabel_settings, extraction};
+use crate::error::SolveError;
+use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
+use crate::problem::OcpQp;
+use crate::solution::{Solution, SolveStatus};
+use crate::solver::{SolverSettings, accurate_residual, usable_residual};
+use crate::terminal::TerminalSet;
+use clarabel::solver::IPSolver;
+use std::time::Instant;
+
+impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
+    /// Solves a problem in the units that it is in, within what `clock` leaves of the time limit; `error` is the error of an answer
+    /// in the units that count.
+    pub(super) fn solve_in(
+        &mut self,
+        clock: &Instant,
+        problem: &OcpQp<NX, NU>,
+        solution: &mut Solution<NX, NU>,
+        mut error: impl FnMut(&Solution<NX, NU>) -> f64,
+    ) -> Result<(), SolveError> {
+        self.refill(problem)?;
+        self.run(problem, solution);
+        let found = error(solution);
+        let in_time = self
+            .settings
+            .time_limit
+            .is_none_or(|limit| clock.elapsed() * 2 < limit);
+        let rest = SolverSettings {
+            max_iterations: self
+                .settings
+                .max_iterations
+                .saturating_sub(solution.iterations),
+            time_limit: self
+                .settings
+                .time_limit
+                .map(|limit| limit.saturating_sub(clock.elapsed())),
+            ..self.settings
+        };
+        let again = in_time && rest.max_iterations > 0;
+        if solution.status.has_solution() && found > LOOSE * self.settings.tolerance && again {
+            self.run_again(problem, found, &rest, solution, error)?;
+        } else if again && self.unproved(solution.status) {
+            self.run_without_cost(problem, &rest, solution)?;
+        }
+        solution.status = self.graded(solution);
+        Ok(())
+    }
+
+    /// Solves with the values in place. The status is Clarabel's own, certificates checked.
+    fn run(&mut self, problem: &OcpQp<NX, NU>, solution: &mut Solution<NX, NU>) {
+        let Some(solver) = &mut self.solver else {
+            return;
+        };
+        solver.solve();
+        let price = self.cost_scale.recip();
+        extraction::extract(problem, &self.layout, &solver.solution, price, solution);
+        let judging = Instant::now();
+        solution.evaluate(problem);
+        self.judging += judging.elapsed();
+        let usable = usable_residual(self.settings.tolerance);
+        solution.status = extraction::status(problem, solver.solution.status, usable, solution);
+    }
+
+    /// A second pass with tolerances that ask in the problem's units what the first asked in scaled ones: where the
+    /// optimal cost is small beside the largest weight, 1e-8 of the scaled cost is too loose, and where it is small beside a costate,
+    /// so is 1e-8 in the dynamics. The better answer is kept.
+    fn run_again(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        found: f64,
+        rest: &SolverSettings,
+        solution: &mut Solution<NX, NU>,
+        mut error: impl FnMut(&Solution<NX, NU>) -> f64,
+    ) -> Result<(), SolveError> {
+        let first = solution.clone();
+        let tighter = (self.settings.tolerance * self.settings.tolerance / found).max(1e-14);
+        self.set(rest, tighter)?;
+        self.run(problem, solution);
+        let usual = self.settings;
+        self.set(&usual, usual.tolerance)?;
+        let iterations = first.iterations + solution.iterations;
+        let stopped_short = !solution.status.has_solution();
+        let status = first.status;
+        if stopped_short || found < error(solution) {
+            *solution = first;
+        }
+        // The first is solved to the tolerance asked for, though not to the tighter one; the residuals have the last word.
+        if status == SolveStatus::Solved {
+            solution.status = SolveStatus::Solved;
+        }
+        solution.iterations = iterations;
+        Ok(())
+    }
+
+    /// Whether the solve broke down, or ended with a ray that proves less than it might.
+    fn unproved(&self, status: SolveStatus) -> bool {
+        match status {
+            SolveStatus::PrimalInfeasible { certificate, .. } => {
+                certificate.residual > ACCURATE * self.settings.tolerance
+            }
+            status => status == SolveStatus::NumericalTrouble,
+        }
+    }
+
+    /// A pass with zero cost: whether the constraints contradict each other does not depend on the cost, and without it
+    /// Clarabel measures the ray against nothing but the ray. The better proof is kept.
+    fn run_without_cost(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        rest: &SolverSettings,
+        solution: &mut Solution<NX, NU>,
+    ) -> Result<(), SolveError> {
+        let first = solution.clone();
+        self.write(problem, 0.0)?;
+        self.set(rest, rest.tolerance)?;
+        self.run(problem, solution);
+        let usual = self.settings;
+        self.set(&usual, usual.tolerance)?;
+        let iterations = first.iterations + solution.iterations;
+        if proof_residual(solution.status) >= proof_residual(first.status) {
+            *solution = first;
+        }
+        solution.iterations = iterations;
+        Ok(())
+    }
+
+    /// Sets limits, and the tolerances of gap and feasibility apart from the others.
+    fn set(&mut self, limits: &SolverSettings, tolerance: f64) -> Result<(), SolveError> {
+        let mut settings = clarabel_settings(limits);
+        (settings.tol_gap_abs, settings.tol_gap_rel) = (tolerance, tolerance);
+        settings.tol_feas = tolerance;
+        if let Some(solver) = &mut self.solver {
+            let updated = solver.update_settings(settings);
+            updated.map_err(clarabel::solver::SolverError::from)?;
+        }
+        Ok(())
+    }
+
+    /// The status that the shared residuals support, for all statuses that claim an answer or stopped short of one.
+    fn graded(&self, solution: &Solution<NX, NU>) -> SolveStatus {
+        let worst = solution.residuals.worst();
+        let tolerance = self.settings.tolerance;
+        match solution.status {
+            // Clarabel measures stationarity relative to |x|: an unbounded problem can drive x up until it says `Solved`.
+            SolveStatus::Solved if worst > usable_residual(tolerance) => {
+                SolveStatus::NumericalTrouble
+            }
+            SolveStatus::Solved if worst > accurate_residual(tolerance) => {
+                SolveStatus::SolvedInaccurate
+            }
+            SolveStatus::PrimalInfeasible { certificate, .. }
+                if certificate.residual > LEAST_PROOF
+                    || certificate.sign_violation > PROOF_SIGNS =>
+            {
+                SolveStatus::NumericalTrouble
+            }
+            SolveStatus::SolvedInaccurate if worst <= self.settings.tolerance => {
+                SolveStatus::Solved
+            }
+            status => status,
+        }
+    }
+}
+
+/// What is wrong with an answer: the gap and the price of violated equalities, and a tenth of the worst residual.
+pub(super) fn error<const NX: usize, const NU: usize>(
+    problem: &OcpQp<NX, NU>,
+    solution: &Solution<NX, NU>,
+) -> f64 {
+    let residuals = &solution.residuals;
+    let gap = residuals.complementarity.relative();
+    gap.max(price_of_violation(problem, solution))
+        .max(0.1 * residuals.worst())
+}
+
+/// What the violated equalities are worth, relative to the objective: the sum of |multiplier| times violation. By so much the cost of an
+/// almost feasible point may lie beside the optimal one; the inequalities' part is in the complementarity already.
+fn price_of_violation<const NX: usize, const NU: usize>(
+    problem: &OcpQp<NX, NU>,
+    solution: &Solution<NX, NU>,
+) -> f64 {
+    let (x, u) = (&solution.x, &solution.u);
+    let of_dynamics: f64 = (problem.stages().iter().enumerate())
+        .map(|(k, stage)| {
+            let violation = stage.successor(&x[k], &u[k]) - x[k + 1];
+            violation.abs().dot(&solution.multipliers.costates[k].abs())
+        })
+        .sum();
+    let of_target = match (
+        &problem.terminal().set,
+        &solution.multipliers.terminal.set,
+        &solution.slacks.terminal.set,
+    ) {
+        (
+            TerminalSet::Equality { target },
+            TerminalSetMultipliers::Equality(multiplier),
+            TerminalSetSlacks::Equality(slack),
+        ) => (x[problem.horizon()] - target - slack)
+            .abs()
+            .dot(&multiplier.abs()),
+        _ => 0.0,
+    };
+    (of_dynamics + of_target) / solution.objective.abs().max(1.0)
+}
+
+/// Residual of the ray, infinite without one.
+fn proof_residual(status: SolveStatus) -> f64 {
+    match status {
+        SolveStatus::PrimalInfeasible { certificate, .. } => certificate.residual,
+        _ => f64::INFINITY,
+    }
+}
+
+/// Multiple of the tolerance at which the relative duality gap calls for a second pass.
+const LOOSE: f64 = 10.0;
+
+/// Residual of a ray above which it proves nothing: trajectories of a 1-norm of 1e4 might be feasible.
+const LEAST_PROOF: f64 = 1e-4;
+
+/// Wrong signs above which a ray proves nothing.
+const PROOF_SIGNS: f64 = 1e-7;
+
+/// Multiple of the tolerance that the residual of a ray may reach without a second look.
+const ACCURATE: f64 = 100.0;

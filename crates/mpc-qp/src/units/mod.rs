@@ -1,0 +1,119 @@
+//! A problem in units in which its numbers are near one, for solvers whose constants are numbers without a unit.
+//!
+//! With diagonal D, E and the cost's factor g the problem in `x = D x'`, `u = E u'` has the matrices `D^-1 A D`, `D^-1 B E`,
+//! `g D Q D`, ...; hard rows are divided by their length. A multiplier of a constraint whose unit is d comes back as
+//! `y = y' / (g d)`. Tolerances, starting points, weights of the method of multipliers and the test of infeasibility are then statements
+//! about the data's own sizes.
+
+mod choice;
+mod conversion;
+
+use crate::certificate::examine_certificate;
+use crate::problem::OcpQp;
+use crate::solution::{Solution, SolveStatus};
+use crate::solver::{Start, accurate_residual, usable_residual};
+use crate::terminal::TerminalSet;
+use nalgebra::SVector;
+
+/// What one is, in given units. Rows and faces are multiplied by their factors, the cost by its own.
+#[derive(Clone, Debug)]
+pub(crate) struct Units<const NX: usize, const NU: usize> {
+    state: SVector<f64, NX>,
+    input: SVector<f64, NU>,
+    cost: f64,
+    rows: Vec<f64>,
+    faces: Vec<f64>,
+}
+
+/// Memory for a problem in its own units, and for its solution.
+#[derive(Clone, Debug)]
+pub(crate) struct Natural<const NX: usize, const NU: usize> {
+    units: Units<NX, NU>,
+    /// The way back.
+    pub(crate) back: Units<NX, NU>,
+    pub(crate) problem: OcpQp<NX, NU>,
+    pub(crate) solution: Solution<NX, NU>,
+}
+
+impl<const NX: usize, const NU: usize> Natural<NX, NU> {
+    /// Memory for problems of the structure of `problem`.
+    pub(crate) fn new(problem: &OcpQp<NX, NU>) -> Self {
+        let rows = problem.stages().iter().map(|stage| stage.rows.len()).sum();
+        let faces = match &problem.terminal().set {
+            TerminalSet::Polytope { faces } => faces.len(),
+            _ => 0,
+        };
+        let units = Units {
+            state: SVector::repeat(1.0),
+            input: SVector::repeat(1.0),
+            cost: 1.0,
+            rows: vec![1.0; rows],
+            faces: vec![1.0; faces],
+        };
+        Self {
+            back: units.clone(),
+            units,
+            problem: problem.clone(),
+            solution: Solution::new(problem),
+        }
+    }
+
+    /// Whether `problem` has the structure that the memory was made for.
+    pub(crate) fn fits(&self, problem: &OcpQp<NX, NU>) -> bool {
+        let kept = &self.problem;
+        let mut stages = kept.stages().iter().zip(problem.stages());
+        kept.horizon() == problem.horizon()
+            && stages.all(|(kept, stage)| kept.rows.len() == stage.rows.len())
+            && kept.terminal().same_structure(problem.terminal()).is_ok()
+            && kept.softening().same_kinds(problem.softening()).is_ok()
+    }
+
+    /// Converts problem and guess; false if the given units do as well, and nothing was converted.
+    pub(crate) fn enter(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        start: Start,
+        guess: &Solution<NX, NU>,
+    ) -> bool {
+        if !self.units.choose(problem) {
+            return false;
+        }
+        self.back.undo(&self.units);
+        self.units.convert_problem(problem, &mut self.problem);
+        if start == Start::Warm {
+            self.units.convert_solution(guess, &mut self.solution);
+        }
+        true
+    }
+
+    /// The largest unit of a state or an input.
+    pub(crate) fn largest_unit(&self) -> f64 {
+        self.units.state.amax().max(self.units.input.amax())
+    }
+
+    /// Brings the answer back and judges it in the given units as well: they may downgrade it.
+    pub(crate) fn leave(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        tolerance: f64,
+        solution: &mut Solution<NX, NU>,
+    ) {
+        self.back.convert_solution(&self.solution, solution);
+        solution.iterations = self.solution.iterations;
+        solution.evaluate(problem);
+        let worst = solution.residuals.worst();
+        solution.status = match self.solution.status {
+            SolveStatus::PrimalInfeasible { .. } => {
+                let (certificate, blame) = examine_certificate(problem, solution);
+                SolveStatus::PrimalInfeasible { certificate, blame }
+            }
+            status if status.has_solution() && worst > usable_residual(tolerance) => {
+                SolveStatus::NumericalTrouble
+            }
+            SolveStatus::Solved if worst > accurate_residual(tolerance) => {
+                SolveStatus::SolvedInaccurate
+            }
+            status => status,
+        };
+    }
+}
