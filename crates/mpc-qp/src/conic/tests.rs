@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::problems::random::{self, Recipe};
+use crate::solution::SolveStatus;
 
 fn bits(solver: &ClarabelSolver<4, 2>) -> Vec<u64> {
     let parts = [

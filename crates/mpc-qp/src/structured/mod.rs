@@ -316,7 +316,7 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
             None
         };
         if let Some(mut natural) = natural {
-            if natural.enter(problem, start, solution) {
+            if natural.enter(problem, start, solution, 1.0) {
                 run(Load(&mut self.newton, &natural.problem));
                 self.unit = natural.largest_unit();
                 self.solve_loaded(&natural.problem, start, &mut natural.solution);

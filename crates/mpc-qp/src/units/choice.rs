@@ -189,8 +189,8 @@ fn of_cost<const NX: usize, const NU: usize>(
 }
 
 impl<const NX: usize, const NU: usize> Units<NX, NU> {
-    /// Chooses the units of `problem`; false if all of them are one.
-    pub(super) fn choose(&mut self, problem: &OcpQp<NX, NU>) -> bool {
+    /// Chooses the units of `problem`; returns by which factor the farthest lies from one.
+    pub(super) fn choose(&mut self, problem: &OcpQp<NX, NU>) -> f64 {
         let (squares, curvature) = responses(problem);
         self.input = of_inputs(problem, &squares, &curvature);
         self.state = of_states(problem, &squares, &self.input);
@@ -223,6 +223,7 @@ impl<const NX: usize, const NU: usize> Units<NX, NU> {
             .chain(&self.input)
             .chain(&self.rows)
             .chain(&self.faces);
-        numbers.chain([&self.cost]).any(|unit| *unit != 1.0)
+        let far = |unit: &f64| unit.max(unit.recip());
+        numbers.chain([&self.cost]).map(far).fold(1.0, f64::max)
     }
 }

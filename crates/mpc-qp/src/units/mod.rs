@@ -68,14 +68,15 @@ impl<const NX: usize, const NU: usize> Natural<NX, NU> {
             && kept.softening().same_kinds(problem.softening()).is_ok()
     }
 
-    /// Converts problem and guess; false if the given units do as well, and nothing was converted.
+    /// Converts problem and guess; false, and nothing converted, if all units are within the factor `ordinary` of the given ones.
     pub(crate) fn enter(
         &mut self,
         problem: &OcpQp<NX, NU>,
         start: Start,
         guess: &Solution<NX, NU>,
+        ordinary: f64,
     ) -> bool {
-        if !self.units.choose(problem) {
+        if self.units.choose(problem) <= ordinary {
             return false;
         }
         self.back.undo(&self.units);
