@@ -50,6 +50,8 @@ impl Default for NmpcWeights {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PoseWeights {
     pub(crate) position: f64,
+    /// Of twice the product of position and tangent error, 1/mm.
+    pub(crate) cross: f64,
     pub(crate) tangent: f64,
     pub(crate) roll: f64,
 }
@@ -58,6 +60,7 @@ impl NmpcWeights {
     pub(crate) fn running(&self) -> PoseWeights {
         PoseWeights {
             position: self.position,
+            cross: 0.0,
             tangent: self.tangent,
             roll: self.roll,
         }
@@ -66,6 +69,7 @@ impl NmpcWeights {
     pub(crate) fn end(&self) -> PoseWeights {
         PoseWeights {
             position: self.end_position,
+            cross: 0.0,
             tangent: self.end_tangent,
             roll: self.end_roll,
         }
@@ -81,22 +85,27 @@ impl NmpcWeights {
 impl PoseWeights {
     /// Cost of a pose.
     pub(crate) fn of_pose(&self, pose: &Pose, reference: &Pose) -> f64 {
-        let position = (pose.position_mm - reference.position_mm).norm_squared();
-        let tangent = (pose.tangent() - reference.tangent()).norm_squared();
+        let position = pose.position_mm - reference.position_mm;
+        let tangent = pose.tangent() - reference.tangent();
         let roll = match self.roll > 0.0 {
             true => roll_error(pose, reference).0,
             false => 0.0,
         };
-        self.position * position + self.tangent * tangent + self.roll * roll * roll
+        self.position * position.norm_squared()
+            + 2.0 * self.cross * position.dot(&tangent)
+            + self.tangent * tangent.norm_squared()
+            + self.roll * roll * roll
     }
 
     /// Gradient and Gauss-Newton Hessian of *half* the cost by the perturbation of the pose.
     pub(crate) fn model(&self, pose: &Pose, reference: &Pose) -> (Vector6<f64>, Matrix6<f64>) {
         let to_body = pose.rotation.inverse();
-        let offset = to_body * (pose.position_mm - reference.position_mm) * self.position;
-        let wanted = to_body * reference.tangent();
-        let turn = Vector3::new(wanted.y, -wanted.x, 0.0) * self.tangent;
-        let mut gradient = Vector6::new(offset.x, offset.y, offset.z, turn.x, turn.y, 0.0);
+        let position = to_body * (pose.position_mm - reference.position_mm);
+        let tangent = Vector3::z() - to_body * reference.tangent();
+        let pull = position * self.position + tangent * self.cross;
+        let turn = position * self.cross + tangent * self.tangent;
+        // A rotation theta moves the tangent by (theta_y, -theta_x, 0).
+        let mut gradient = Vector6::new(pull.x, pull.y, pull.z, -turn.y, turn.x, 0.0);
         let mut hessian = Matrix6::from_diagonal(&Vector6::new(
             self.position,
             self.position,
@@ -105,6 +114,8 @@ impl PoseWeights {
             self.tangent,
             0.0,
         ));
+        (hessian[(0, 4)], hessian[(4, 0)]) = (self.cross, self.cross);
+        (hessian[(1, 3)], hessian[(3, 1)]) = (-self.cross, -self.cross);
         if self.roll > 0.0 {
             let (roll, by_pose) = roll_error(pose, reference);
             gradient += by_pose * (self.roll * roll);
@@ -145,6 +156,7 @@ mod tests {
         let (pose, reference) = poses();
         let weights = PoseWeights {
             position: 1.3,
+            cross: 3.1,
             tangent: 25.0,
             roll: 0.7,
         };
@@ -167,6 +179,7 @@ mod tests {
         let (_, reference) = poses();
         let weights = PoseWeights {
             position: 1.0,
+            cross: 0.0,
             tangent: 10.0,
             roll: 2.0,
         };

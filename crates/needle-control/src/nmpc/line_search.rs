@@ -14,6 +14,9 @@ const LINE_SEARCH_STEPS: i32 = 12;
 /// Fraction of the predicted decrease that a step must bring (Armijo).
 const SUFFICIENT_DECREASE: f64 = 1e-4;
 
+/// Difference of inputs, mm/s and rad/s, that is none.
+const ROUNDING: f64 = 1e-9;
+
 impl Shooting {
     /// Moves the plan along the step as far as the exact penalty function falls enough; false if nowhere.
     pub(crate) fn search(&mut self, needle: &Needle, tracker: &Tracker) -> bool {
@@ -56,6 +59,19 @@ impl Shooting {
         }
         std::mem::swap(&mut self.plan, &mut self.trial);
         true
+    }
+
+    /// Replaces a plan whose inputs cannot all be reached from the one applied last, `reach_s` ago, by what would be applied of it. A
+    /// search that ends short of a step mixes the inputs of the plan with reachable ones: it needs both to be reachable.
+    pub(crate) fn bring_within_reach(&mut self, follower: &Follower, reach_s: f64) {
+        self.simulate(0.0, follower, reach_s);
+        let beyond = |(applied, planned): (&Input, &Input)| {
+            (applied.v_mm_s - planned.v_mm_s).abs() > ROUNDING
+                || (applied.omega_rad_s - planned.omega_rad_s).abs() > ROUNDING
+        };
+        if self.trial.inputs.iter().zip(&self.plan.inputs).any(beyond) {
+            std::mem::swap(&mut self.plan, &mut self.trial);
+        }
     }
 
     /// Simulates the inputs at this length along the step, as far as they can be reached, into the trial plan; its cost.

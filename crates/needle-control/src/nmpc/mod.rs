@@ -13,6 +13,7 @@ mod plan;
 mod shooting;
 mod spin;
 mod start;
+mod stray;
 mod terminal;
 
 pub use configuration::{Convergence, NmpcConfiguration, SpinTarget};
@@ -32,6 +33,7 @@ use needle_model::{Input, Needle, Pose, ReferencePath};
 use plan::Plan;
 use shooting::Shooting;
 use std::time::Instant;
+use stray::Stray;
 
 /// Nonlinear model predictive controller of a bevel-tip needle along a path.
 #[derive(Debug, Clone)]
@@ -148,8 +150,6 @@ impl NmpcController {
         if let Some(step) = self.follower.without_plan(&sample) {
             return step;
         }
-        let end_step = self.follower.tracker.step() + self.configuration.horizon;
-        self.shooting.end_with(self.chosen.form(end_step));
         let improved = sample
             .pose
             .is_some_and(|pose| self.improve(&pose, &sample, started));
@@ -174,6 +174,10 @@ impl NmpcController {
 
     /// Improves the plan from `pose`; false if no usable plan results.
     fn improve(&mut self, pose: &Pose, sample: &Sample, started: Instant) -> bool {
+        let NmpcConfiguration { horizon, dt_s, .. } = self.configuration;
+        let form = self.chosen.form(self.follower.tracker.step() + horizon);
+        let stray = Stray::at(pose, &self.follower, dt_s);
+        self.shooting.weigh(form, &stray);
         if self.planned.is_none() {
             return self.plan_afresh(pose, sample, started);
         }
@@ -185,7 +189,11 @@ impl NmpcController {
             Convergence::Full {
                 tolerance,
                 max_iterations,
-            } => self.converge(sample, started, tolerance, max_iterations),
+            } => {
+                self.shooting
+                    .bring_within_reach(&self.follower, sample.reach_s);
+                self.converge(sample, started, tolerance, max_iterations)
+            }
         };
         if !good {
             self.shooting.forget();

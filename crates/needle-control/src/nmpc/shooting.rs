@@ -16,6 +16,7 @@ use super::configuration::{NmpcConfiguration, SpinTarget};
 use super::cost::NmpcWeights;
 use super::end::{Form, HorizonEnd, Takeover, blank_goal};
 use super::plan::Plan;
+use super::stray::Stray;
 use crate::configuration::ConfigurationError;
 use crate::follower::Follower;
 use crate::limits::InputLimits;
@@ -30,6 +31,8 @@ use std::time::Instant;
 /// The plan and the memory to improve it.
 #[derive(Debug, Clone)]
 pub(crate) struct Shooting {
+    configured: NmpcWeights,
+    /// The weights in force at this sample.
     pub(super) weights: NmpcWeights,
     spin_target: SpinTarget,
     pub(super) limits: InputLimits,
@@ -73,6 +76,7 @@ impl Shooting {
         let problem = OcpQp::new(Vector6::zeros(), stages, terminal.clone())?;
         let goal = blank_goal();
         Ok(Self {
+            configured: weights,
             weights,
             spin_target,
             limits,
@@ -89,12 +93,19 @@ impl Shooting {
         })
     }
 
-    /// What stands at the end of the horizon from now on; without a form the end weights.
-    pub(crate) fn end_with(&mut self, form: Option<Form>) {
-        self.end = match form {
-            Some(form) => HorizonEnd::Form(form),
-            None => HorizonEnd::Weights(self.weights.end()),
+    /// What stands at the end of the horizon from now on: a form, or the end weights; and what the spin weighs. How far the tip is
+    /// off changes both where the spin is the controller's to find; a form and its set belong to the weights as they are configured.
+    pub(crate) fn weigh(&mut self, form: Option<Form>, stray: &Stray) {
+        self.weights = self.configured;
+        self.end = match (form, self.spin_target) {
+            (Some(form), _) => HorizonEnd::Form(form),
+            (None, SpinTarget::Reference) => HorizonEnd::Weights(self.configured.end()),
+            (None, SpinTarget::Rest) => {
+                self.weights.omega += stray.spin(&self.configured);
+                HorizonEnd::Weights(stray.end(&self.configured))
+            }
         };
+        self.stage.r[(1, 1)] = self.weights.omega;
     }
 
     pub(super) fn wanted(&self, tracker: &Tracker, k: usize) -> Input {

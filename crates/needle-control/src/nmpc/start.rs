@@ -107,6 +107,8 @@ impl NmpcController {
                 sense,
             };
             guess.fill(&mut self.shooting.plan, 0);
+            self.shooting
+                .bring_within_reach(&self.follower, sample.reach_s);
             if !self.converge(sample, started, 1e-6, self.configuration.start_iterations) {
                 continue;
             }
@@ -123,5 +125,48 @@ impl NmpcController {
         self.violation = best.map_or(0.0, |(violation, _)| violation);
         self.planned = best.map(|_| 0.0);
         best.is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::controller::{Controller, Measurement};
+    use crate::limits::InputLimits;
+    use crate::nmpc::NmpcConfiguration;
+    use nalgebra::Vector6;
+    use needle_model::ReferencePath;
+
+    #[test]
+    fn a_first_plan_can_be_reached_from_rest() {
+        let needle = Needle::new(1.0 / 150.0).unwrap();
+        let bend = Vector6::new(0.0, 0.0, 0.5, 0.5 / 300.0, 0.0, 0.005);
+        let curve = (0..=100).map(|k| Pose::exp(&(bend * f64::from(k))));
+        let path = ReferencePath::from_poses(curve.collect(), 0.1).unwrap();
+        // A tenth of the speed and a sixth of the spin in a step.
+        let limits = InputLimits {
+            v_rate_max_mm_s2: 5.0,
+            omega_rate_max_rad_s2: 10.0,
+            ..InputLimits::default()
+        };
+        for iterations in [1, 2, 8] {
+            let configuration = NmpcConfiguration {
+                limits,
+                start_iterations: iterations,
+                ..NmpcConfiguration::default()
+            };
+            let mut controller = NmpcController::new(needle, path.clone(), configuration).unwrap();
+            let start = Pose::exp(&Vector6::new(1.0, 1.0, 0.0, 0.05, 0.05, 1.0));
+            controller.step(&Measurement::of(start), 0.0);
+            let mut held = Input::ZERO;
+            for planned in &controller.shooting.plan.inputs {
+                let reached = limits.admissible(*planned, held, 0.1);
+                // The solver's tolerance.
+                let beyond = (reached.v_mm_s - planned.v_mm_s).abs()
+                    + (reached.omega_rad_s - planned.omega_rad_s).abs();
+                assert!(beyond < 1e-6, "{iterations}: {planned:?} after {held:?}");
+                held = *planned;
+            }
+        }
     }
 }

@@ -76,6 +76,12 @@ impl Tracker {
         self.path.inputs().get(step).copied().unwrap_or_default()
     }
 
+    /// Steps from the horizon's end to the path's.
+    pub(crate) fn stages_beyond(&self) -> f64 {
+        let left_s = self.path.duration_s() - self.time_s;
+        (left_s / self.dt_s - self.inputs.len() as f64).max(0.0)
+    }
+
     /// Moves the present point and refills the horizon; `v_mm_s` was held for `elapsed_s`. Progress that is not seen is what the
     /// needle was told to travel, at the path's speed: none while it stands.
     pub(crate) fn advance(&mut self, elapsed_s: f64, v_mm_s: f64, pose: Option<&Pose>) {

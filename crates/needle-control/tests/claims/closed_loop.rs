@@ -63,7 +63,7 @@ fn noise_of_a_fifth_of_a_millimetre_is_not_amplified() {
         noise_mm: 0.2,
         ..Scene::default()
     });
-    assert!(score.rms_mm <= 0.21, "{score:?}");
+    assert!(score.rms_mm <= 0.16, "{score:?}");
 }
 
 fn off_the_path() -> Scene {
@@ -85,7 +85,7 @@ fn off_the_path() -> Scene {
 fn start_off_the_path_is_corrected() {
     // The needle cannot bend back faster: 0.78 mm are left after 20 mm even if it bends straight back all the time.
     let score = score(&off_the_path());
-    assert!(score.rms_mm <= 0.29 && score.max_mm <= 0.95, "{score:?}");
+    assert!(score.rms_mm <= 0.22 && score.max_mm <= 0.87, "{score:?}");
 }
 
 /// Iterated until the step is small, without damping.
@@ -101,9 +101,18 @@ fn converged() -> NmpcConfiguration {
 }
 
 #[test]
-fn converged_controller_corrects_a_start_off_the_path_better() {
-    let score = score_of(&off_the_path(), converged());
-    assert!(score.rms_mm <= 0.22 && score.max_mm <= 0.92, "{score:?}");
+fn converged_controller_corrects_a_start_off_the_path_with_less_rotation() {
+    let one = score(&off_the_path());
+    let converged = score_of(&off_the_path(), converged());
+    // Less rotation is paid for with a few hundredths of a millimetre.
+    assert!(
+        converged.revolutions < 0.9 * one.revolutions,
+        "{converged:?}"
+    );
+    assert!(
+        converged.rms_mm <= 0.24 && converged.max_mm <= 0.87,
+        "{converged:?}"
+    );
 }
 
 #[test]
