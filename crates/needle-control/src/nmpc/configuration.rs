@@ -41,7 +41,8 @@ pub struct NmpcConfiguration {
     pub dt_s: f64,
     /// Limits of the actuators.
     pub limits: InputLimits,
-    /// Weights of the cost.
+    /// Weights of the cost. With [`SpinTarget::Rest`] and no terminal ingredients the spin and the end weigh more while the tip is off
+    /// the path by more than a horizon wins back.
     pub weights: NmpcWeights,
     /// What the spin's weight pulls toward.
     pub spin_target: SpinTarget,

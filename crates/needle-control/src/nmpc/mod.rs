@@ -1,9 +1,9 @@
 //! Nonlinear model predictive control on the exact discrete SE(3) model: sequential quadratic programming by multiple shooting.
 //!
 //! Each step shifts the plan of the step before, moves it to the measured pose and improves it: by one Gauss-Newton step (the
-//! real-time iteration of Diehl, Bock and Schloeder, 2005) or until it converges. The first plan is the best of three
-//! candidates: the reference's inputs, and the guessed spin in either sense. Along a path that the needle executes the horizon can
-//! end in a terminal set, with a certificate. Left out: state constraints.
+//! real-time iteration of Diehl, Bock and Schloeder, 2005) or until it converges. Far off the path the program looks beyond its
+//! horizon. The first plan is the best of three candidates: the reference's inputs, and the guessed spin in either sense. Along a path
+//! that the needle executes the horizon can end in a terminal set, with a certificate. Left out: state constraints.
 
 mod configuration;
 mod cost;
@@ -132,7 +132,7 @@ impl NmpcController {
         TerminalRegion::at_horizon_end(tracker, &self.chosen.ingredients, ALL_COORDINATES)
     }
 
-    /// Cost V_N of the present plan, in the units of the weights.
+    /// Cost V_N of the present plan, in the units of the weights, by those in force at the last step.
     #[must_use]
     pub fn value(&self) -> f64 {
         self.shooting
