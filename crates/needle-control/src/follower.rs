@@ -46,6 +46,11 @@ impl Follower {
         }
     }
 
+    /// Whether the estimated curvature is another than the model's.
+    pub(crate) fn needle_differs(&self) -> bool {
+        self.needle != self.model
+    }
+
     /// Takes in a measurement and moves the present point of the path.
     pub(crate) fn observe(&mut self, measurement: &Measurement, time_s: f64) -> Sample {
         if let Some(needle) = estimated_needle(&self.model, measurement) {

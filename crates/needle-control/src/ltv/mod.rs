@@ -3,8 +3,12 @@
 //! The error is xi = log(g_r^-1 g), linearised along the reference itself, so the program is the same wherever the world frame
 //! is. Of a straight needle only depth (xi_3) and roll (xi_6) answer to the inputs; there the model is x+ = x + dt u exactly,
 //! the paper's problem. Both share this file; they differ in the coordinates of the error and the terminal choices.
+//!
+//! Under an estimated curvature that is not the model's the time-varying controller is linearised about a nominal needle of that
+//! curvature, which the nonlinear controller steers along the path (`nominal`).
 
 mod configuration;
+mod nominal;
 mod regulator;
 mod step;
 
@@ -22,6 +26,7 @@ use lqr::Certificate;
 use mpc_qp::{OcpQp, SolveError};
 use nalgebra::{SMatrix, Vector6};
 use needle_model::{Needle, Pose, ReferencePath};
+use nominal::Nominal;
 use regulator::{Regulator, weighted_stage};
 
 /// Model predictive controller linearised along the reference; `NX` counts the coordinates of the error and the two inputs.
@@ -30,6 +35,8 @@ pub struct LinearController<const NX: usize> {
     configuration: LinearConfiguration,
     coordinates: &'static [usize],
     follower: Follower,
+    /// Where an estimate of the curvature may come; a straight needle has none.
+    nominal: Option<Nominal>,
     regulator: Regulator<NX>,
     ingredients: Ingredients,
     chosen: TerminalChoice,
@@ -144,8 +151,11 @@ impl<const NX: usize> LinearController<NX> {
             q[(i, i)] = weights.error[coordinate];
         }
         let stage = weighted_stage(&q, &weights.of_input(), &weights.of_change());
+        let bends = needle.curvature_per_mm() > 0.0;
+        let nominal = bends.then(|| Nominal::new(needle, &path, &configuration));
         Ok(Self {
             coordinates,
+            nominal: nominal.transpose()?,
             follower: Follower::new(needle, path, configuration.pursuit()),
             regulator: Regulator::new(stage, horizon, limits, dt_s, &ingredients, make_solver)?,
             ingredients,
@@ -180,7 +190,7 @@ impl<const NX: usize> LinearController<NX> {
     }
 
     /// What is claimed of the terminal ingredients, check by check; `None` without a terminal set. The claims are about the
-    /// model's curvature: an estimate that differs voids them.
+    /// model's curvature: from the first estimate that differs the set is left out.
     #[must_use]
     pub fn certificate(&self) -> Option<&Certificate> {
         self.ingredients.certificate.as_ref()
@@ -189,6 +199,9 @@ impl<const NX: usize> LinearController<NX> {
     /// Where the terminal set of the last step wants the tip at the horizon's end; `None` without a set.
     #[must_use]
     pub fn terminal_region(&self) -> Option<TerminalRegion> {
+        if self.is_nominal() {
+            return None;
+        }
         let tracker = &self.follower.tracker;
         TerminalRegion::at_horizon_end(tracker, &self.ingredients, self.coordinates)
     }

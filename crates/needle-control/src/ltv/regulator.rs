@@ -9,7 +9,7 @@ use crate::configuration::ConfigurationError;
 use crate::limits::InputLimits;
 use crate::plan_solver::MakeSolver;
 use crate::program::{Account, Goal, Programs};
-use crate::terminal::Ingredients;
+use crate::terminal::{End, Ingredients};
 use mpc_qp::{OcpQp, ProblemError, Solution, Stage, Terminal};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use needle_model::Input;
@@ -102,7 +102,7 @@ impl<const NX: usize> Regulator<NX> {
         }
     }
 
-    /// Solves from an error, with `previous` the input deviation applied last and the ingredients of the horizon's end.
+    /// Solves from an error, with `previous` the input deviation applied last, and what holds at the horizon's end.
     ///
     /// # Errors
     /// [`ProblemError`] for data that are not finite.
@@ -110,12 +110,11 @@ impl<const NX: usize> Regulator<NX> {
         &mut self,
         error: &SVector<f64, NX>,
         previous: &Vector2<f64>,
-        (ingredients, end_step): (&Ingredients, usize),
+        end: End<'_>,
         remaining: Option<Duration>,
     ) -> Result<Account, ProblemError> {
         let mut state = *error;
         state.fixed_rows_mut::<2>(NX - 2).copy_from(previous);
-        let end = ingredients.at(end_step);
         self.terminal.p = SMatrix::from_fn(|i, j| end.p[(i, j)]);
         let problem = self.programs.problem_mut();
         problem.set_initial_state(&state)?;

@@ -1,5 +1,6 @@
 //! One step of a linear controller: linearise along the reference, solve for the deviation, and keep or fall back.
 
+use super::nominal::Nominal;
 use super::{LinearController, LtvController, StraightController};
 use crate::controller::{
     ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
@@ -52,10 +53,10 @@ impl<const NX: usize> LinearController<NX> {
 
     /// Solves from a pose; `None` without a usable answer.
     fn solve(&mut self, pose: &Pose, sample: &Sample, started: Instant) -> Option<Origin> {
+        // The deviation applied last was one from the reference's input at that time.
+        let before = self.refer(pose);
         self.linearise().ok()?;
         let Follower { tracker, guard, .. } = &self.follower;
-        // The deviation applied last was one from the reference's input at that time.
-        let before = tracker.input_before();
         self.regulator
             .set_limits(before, &tracker.inputs, sample.reach_s);
         let xi = pose.error_from(&tracker.poses[0]);
@@ -69,15 +70,16 @@ impl<const NX: usize> LinearController<NX> {
             previous.v_mm_s - before.v_mm_s,
             previous.omega_rad_s - before.omega_rad_s,
         );
-        let end_step = tracker.step() + self.configuration.horizon;
+        let mut end = self
+            .ingredients
+            .at(tracker.step() + self.configuration.horizon);
+        if self.is_nominal() {
+            // The set is about the reference and the model's curvature.
+            end.level = None;
+        }
         let answer = self
             .regulator
-            .solve(
-                &error,
-                &previous,
-                (&self.ingredients, end_step),
-                guard.remaining(started),
-            )
+            .solve(&error, &previous, end, guard.remaining(started))
             .ok()?;
         self.statistics.status = Some(answer.status);
         self.statistics.solves += answer.solves;
@@ -96,6 +98,26 @@ impl<const NX: usize> LinearController<NX> {
             },
             false => Origin::Optimal,
         })
+    }
+
+    /// Puts the nominal needle's plan in the reference's place where the estimated curvature is not the model's; returns the
+    /// reference's input one step before.
+    fn refer(&mut self, pose: &Pose) -> Input {
+        let differs = self.follower.needle_differs();
+        let Follower {
+            needle, tracker, ..
+        } = &mut self.follower;
+        match &mut self.nominal {
+            Some(nominal) if differs || nominal.in_force() => {
+                nominal.stand_in(needle, pose, tracker)
+            }
+            _ => tracker.input_before(),
+        }
+    }
+
+    /// Whether a nominal needle stands in for the reference.
+    pub(super) fn is_nominal(&self) -> bool {
+        self.nominal.as_ref().is_some_and(Nominal::in_force)
     }
 
     fn linearise(&mut self) -> Result<(), StepError> {
@@ -148,6 +170,9 @@ impl<const NX: usize> LinearController<NX> {
 
     fn forget(&mut self) {
         self.follower.reset();
+        if let Some(nominal) = &mut self.nominal {
+            nominal.reset();
+        }
         self.regulator.shift(usize::MAX);
         self.lag_s = 0.0;
         self.value = f64::NAN;

@@ -59,6 +59,11 @@ impl Tracker {
         &self.path
     }
 
+    /// Time along the path, s.
+    pub(crate) fn time_s(&self) -> f64 {
+        self.time_s
+    }
+
     /// Index of the path's sample at or just before the present point.
     pub(crate) fn step(&self) -> usize {
         self.sample(self.time_s).0

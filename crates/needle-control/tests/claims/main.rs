@@ -23,3 +23,4 @@ mod refusals;
 mod scene;
 mod stability;
 mod survival;
+mod terminal_rollouts;

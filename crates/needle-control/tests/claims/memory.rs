@@ -17,6 +17,11 @@ fn allocations(controller: &mut impl Controller, needle: Needle) -> u64 {
             pose = needle.step(&pose, input, DT_S).unwrap();
             let measurement = match step {
                 20..=35 => Measurement::default(),
+                // From here on the curvature is told to be another.
+                10..=19 => Measurement {
+                    curvature_per_mm: Some(0.9 * needle.curvature_per_mm()),
+                    ..Measurement::of(pose)
+                },
                 40 => {
                     Measurement::of(pose.perturbed(&Vector6::new(100.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
                 }

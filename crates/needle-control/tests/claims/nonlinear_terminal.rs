@@ -11,7 +11,7 @@ use needle_control::{
 use needle_model::{Input, Pose, ReferencePath};
 
 /// Weights about an executed path, the end in a terminal set, each program solved.
-fn certified(terminal: TerminalChoice) -> NmpcConfiguration {
+pub(crate) fn certified(terminal: TerminalChoice) -> NmpcConfiguration {
     NmpcConfiguration {
         weights: NmpcWeights {
             position: 1.0,
