@@ -21,8 +21,8 @@ const INFLATION: f64 = 2.0;
 /// Least (V - V+ - l) / V that samples must show: what lies between them may be worse by as much.
 const MARGIN: f64 = 1e-4;
 
-/// Radii of the descent from the worst sample, and directions tried at each.
-const DESCENT: ([f64; 4], usize) = ([0.3, 0.1, 0.03, 0.01], 24);
+/// Samples whose worst is a start of a descent, its first step on the unit sphere, and its steps.
+const DESCENT: (usize, f64, usize) = (250, 0.2, 40);
 
 /// By how much the level shrinks between trials.
 const SHRINK: f64 = 0.8;
@@ -112,7 +112,7 @@ fn size_for(
                 here: chosen.ingredients.at(step),
                 next: chosen.ingredients.at(step + 1).p,
             };
-            worst = worst.min(trial.least_margin(scale, samples)?);
+            worst = worst.min(trial.least_margin(scale, samples));
             if worst < MARGIN {
                 break;
             }
@@ -152,68 +152,80 @@ struct Fall<'a> {
 
 impl Fall<'_> {
     /// Least (V - V+ - l) / V over samples of the set's boundary, and of the boundary at half its half-axes, and downhill from the worst
-    /// of each.
-    fn least_margin(&self, scale: f64, samples: usize) -> Result<f64, StepError> {
-        // Without a set or a law there is nothing to sample, and nothing holds.
-        let (Some(level), Some(k)) = (self.here.level, self.here.k) else {
-            return Ok(f64::NEG_INFINITY);
-        };
+    /// of each block of them. Without a set, a law or a step from a sample nothing holds.
+    fn least_margin(&self, scale: f64, samples: usize) -> f64 {
         let p = Matrix6::from_fn(|i, j| self.here.p[(i, j)]);
-        let next = Matrix6::from_fn(|i, j| self.next[(i, j)]);
-        let Some(factor) = p.cholesky() else {
-            return Ok(f64::NEG_INFINITY);
+        let (Some(level), Some(factor)) = (self.here.level, p.cholesky()) else {
+            return f64::NEG_INFINITY;
         };
-        let dt_s = self.configuration.dt_s;
-        let reference = self.needle.step(&Pose::identity(), self.wanted, dt_s)?;
-        let margin = |direction: &Vector6<f64>, value: f64| -> Result<f64, StepError> {
-            let point = direction * value.sqrt();
-            let Some(xi) = factor.l().tr_solve_lower_triangular(&point) else {
-                return Ok(f64::NEG_INFINITY);
-            };
-            let deviation = k * xi;
-            let input = Input {
-                v_mm_s: self.wanted.v_mm_s + deviation[0],
-                omega_rad_s: self.wanted.omega_rad_s + deviation[1],
-            };
-            let pose = Pose::exp(&xi);
-            let after = self.needle.step(&pose, input, dt_s)?.error_from(&reference);
-            let weights = &self.configuration.weights;
-            let spent = weights.running().of_pose(&pose, &Pose::identity())
-                + weights.of_input(input, self.wanted);
-            Ok((value - after.dot(&(next * after)) - spent) / value)
-        };
+        let (block, ..) = DESCENT;
         let mut least = f64::INFINITY;
         for size in [1.0, 0.5] {
-            let value = level * scale * size * size;
-            let (mut worst, mut toward) = (f64::INFINITY, Vector6::x());
-            let mut visit = |tried: Vector6<f64>| -> Result<Vector6<f64>, StepError> {
-                let found = margin(&tried, value)?;
-                // A margin that is no number is the worst there is.
-                if !(found >= worst) {
-                    (worst, toward) = (
-                        if found.is_nan() {
-                            f64::NEG_INFINITY
-                        } else {
-                            found
-                        },
-                        tried,
-                    );
-                }
-                Ok(toward)
+            let radius = (level * scale).sqrt() * size;
+            let margin = |direction: &Vector6<f64>| {
+                let on_sphere = factor.l().tr_solve_lower_triangular(direction);
+                on_sphere
+                    .and_then(|xi| self.margin(&(xi * radius)).ok().flatten())
+                    .filter(|margin| !margin.is_nan())
+                    .unwrap_or(f64::NEG_INFINITY)
             };
-            let mut from = Vector6::x();
-            for sample in 0..samples / 2 {
-                from = visit(direction(sample))?;
-            }
-            for radius in DESCENT.0 {
-                for sample in 0..DESCENT.1 {
-                    from = visit((from + direction(sample) * radius).normalize())?;
+            for first in (0..samples / 2).step_by(block) {
+                let tried = (first..(first + block).min(samples / 2)).map(direction);
+                let found = tried.map(|tried| (margin(&tried), tried));
+                if let Some(worst) = found.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                    least = least.min(descended(worst, margin));
                 }
             }
-            least = least.min(worst);
         }
-        Ok(least)
+        least
     }
+
+    /// (V - V+ - l) / V of the law's step from an error; `None` without a law.
+    fn margin(&self, xi: &Vector6<f64>) -> Result<Option<f64>, StepError> {
+        let Some(k) = self.here.k else {
+            return Ok(None);
+        };
+        let (dt_s, weights) = (self.configuration.dt_s, &self.configuration.weights);
+        let deviation = k * xi;
+        let input = Input {
+            v_mm_s: self.wanted.v_mm_s + deviation[0],
+            omega_rad_s: self.wanted.omega_rad_s + deviation[1],
+        };
+        let (reference, pose) = (Pose::identity(), Pose::exp(xi));
+        let spent =
+            weights.running().of_pose(&pose, &reference) + weights.of_input(input, self.wanted);
+        let reference = self.needle.step(&reference, self.wanted, dt_s)?;
+        let after = self.needle.step(&pose, input, dt_s)?.error_from(&reference);
+        let value = xi.dot(&(self.here.p * xi));
+        Ok(Some(
+            (value - after.dot(&(self.next * after)) - spent) / value,
+        ))
+    }
+}
+
+/// The least of a function on the unit sphere that steepest descent finds from a start.
+fn descended(
+    (mut least, mut here): (f64, Vector6<f64>),
+    function: impl Fn(&Vector6<f64>) -> f64,
+) -> f64 {
+    // Differences of a margin of 1e-3, known to 1e-12 or so.
+    const DIFFERENCE: f64 = 1e-5;
+    let (_, mut reach, steps) = DESCENT;
+    for _ in 0..steps {
+        let beside = |i: usize| (here + Vector6::ith(i, DIFFERENCE)).normalize();
+        let rise = Vector6::from_fn(|i, _| function(&beside(i)) - least);
+        let Some(uphill) = (rise - here * rise.dot(&here)).try_normalize(0.0) else {
+            break;
+        };
+        let tried = (here - uphill * reach).normalize();
+        let found = function(&tried);
+        if found < least {
+            (least, here, reach) = (found, tried, 1.5 * reach);
+        } else {
+            reach *= 0.3;
+        }
+    }
+    least
 }
 
 /// The `sample`-th of a sequence of directions that fills the sphere evenly enough: the Kronecker sequence of the powers of 1/g, with

@@ -125,6 +125,55 @@ fn another_sensor_does_not_change_the_plant() {
     assert!(quiet[5].measured != noisy[5].measured);
 }
 
+/// Half of the readings lost, and all for about a second here and there: the filter predicts, the predictive controllers go on.
+#[test]
+fn with_half_of_the_readings_lost_the_needle_stays_near_the_path_and_the_limits_hold() {
+    for controller in ["nmpc", "ltv"] {
+        let text = format!(
+            "needle.curvature_per_mm = 0.0066666667\ncontroller.name = '{controller}'\nestimator.kind = 'filter'\n\
+             reference.kind = 'inputs'\nreference.curvature_factor = 0.5\nreference.reconstructed = {}\n\
+             reference.segments = [{{ duration_s = 20.0, v_mm_s = 5.0, omega_rad_s = 0.05 }}]\n\
+             sensors.roll_measured = false\nsensors.position_std_mm = 0.2\nsensors.tangent_std_rad = 0.01745\n\
+             sensors.dropout_probability = 0.5\nplant.curvature_factor = 0.9\n",
+            controller == "ltv"
+        );
+        let scenario = Scenario::parse(&text).unwrap();
+        let mut worst_gap = 0;
+        for index in 0..3 {
+            let record = run(&scenario, index).unwrap();
+            let (mut gap, mut held) = (0, [0.0; 2]);
+            for step in &record.steps {
+                gap = if step.measured.is_some() { 0 } else { gap + 1 };
+                worst_gap = worst_gap.max(gap);
+                let input = [step.input.v_mm_s, step.input.omega_rad_s];
+                let limits = &scenario.limits;
+                let rates = [limits.v_rate_max_mm_s2, limits.omega_rate_max_rad_s2];
+                for i in 0..2 {
+                    // Rounding of a sum.
+                    assert!(
+                        (input[i] - held[i]).abs() <= rates[i] * 0.1 + 1e-9,
+                        "{step:?}"
+                    );
+                }
+                assert!(
+                    (limits.v_min_mm_s..=limits.v_max_mm_s).contains(&input[0]),
+                    "{step:?}"
+                );
+                assert!(input[1].abs() <= limits.omega_max_rad_s, "{step:?}");
+                held = input;
+            }
+            let (rms, max) = (
+                record.summary.rms_mm.unwrap(),
+                record.summary.max_mm.unwrap(),
+            );
+            println!("{controller} {index}: rms {rms}, max {max}, longest gap {worst_gap}");
+            assert!(rms < 0.3 && max < 0.6, "{controller} {index}: {rms} {max}");
+        }
+        // As long as half of the memory of a plan.
+        assert!(worst_gap >= 5, "{worst_gap}");
+    }
+}
+
 #[test]
 fn without_readings_the_filter_reports_nothing_and_the_needle_stops() {
     let mut document: Document = preset("clinical");
