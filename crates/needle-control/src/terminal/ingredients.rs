@@ -1,7 +1,7 @@
 //! Terminal weight, law and level at every step of a path, with the certificate of the whole.
 
 use super::TerminalError;
-use super::pair::{Pair, Regulation, Uncrossed, dense, dynamic, limits_of};
+use super::pair::{Pair, Regulation, dense, dynamic, limits_of};
 use lqr::{BackwardChain, Certificate, ChainClaim, Constraints, PeriodicSolution, TerminalClaim};
 use nalgebra::DMatrix;
 
@@ -70,21 +70,21 @@ impl Ingredients {
         limits: Constraints,
         end: &DMatrix<f64>,
     ) -> Result<Self, TerminalError> {
-        let uncrossed = Uncrossed::of_all(pairs)?;
-        let stages: Vec<_> = uncrossed.iter().map(Uncrossed::stage).collect();
+        let regulations = Regulation::of_all(pairs)?;
+        let stages: Vec<_> = regulations.iter().map(Regulation::stage).collect();
         let chain = BackwardChain::solve(&stages, dense(end).as_ref())?;
-        let limits = first(&uncrossed)?.constraints(&limits_of(first(pairs)?, limits))?;
+        let limits = limits_of(first(pairs)?, limits);
         let claim = ChainClaim::largest(&stages, &chain, limits, f64::INFINITY)?;
         Ok(Self::of_claim(claim, false))
     }
 
     /// The periodic solution, with one level for the whole period.
     pub(crate) fn periodic(pairs: &[Pair], limits: Constraints) -> Result<Self, TerminalError> {
-        let uncrossed = Uncrossed::of_all(pairs)?;
-        let stages: Vec<_> = uncrossed.iter().map(Uncrossed::stage).collect();
+        let regulations = Regulation::of_all(pairs)?;
+        let stages: Vec<_> = regulations.iter().map(Regulation::stage).collect();
         let PeriodicSolution { mut p, k, .. } = PeriodicSolution::solve(&stages)?;
         p.push(first(&p)?.clone());
-        let limits = first(&uncrossed)?.constraints(&limits_of(first(pairs)?, limits))?;
+        let limits = limits_of(first(pairs)?, limits);
         let mut claim =
             ChainClaim::largest(&stages, &BackwardChain { p, k }, limits, f64::INFINITY)?;
         let least = claim.levels.iter().copied().fold(f64::INFINITY, f64::min);
