@@ -66,16 +66,6 @@ impl Set {
             reference.poses()[configuration.horizon],
         );
         let mut controller = NmpcController::new(needle(), reference, configuration).unwrap();
-        println!(
-            "{:?}",
-            controller
-                .certificate()
-                .unwrap()
-                .checks
-                .last()
-                .unwrap()
-                .condition
-        );
         assert!(horizon <= 100 && controller.certificate().unwrap().holds());
         controller.step(&Measurement::of(Pose::identity()), 0.0);
         let region = controller.terminal_region().unwrap();

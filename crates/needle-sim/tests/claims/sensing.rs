@@ -166,7 +166,6 @@ fn with_half_of_the_readings_lost_the_needle_stays_near_the_path_and_the_limits_
                 record.summary.rms_mm.unwrap(),
                 record.summary.max_mm.unwrap(),
             );
-            println!("{controller} {index}: rms {rms}, max {max}, longest gap {worst_gap}");
             assert!(rms < 0.15 && max < 0.3, "{controller} {index}: {rms} {max}");
         }
         // Measured: 0.095 mm and 0.161 mm at most, with gaps of up to 0.8 s.
