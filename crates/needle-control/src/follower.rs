@@ -7,6 +7,9 @@ use crate::survival::{Guard, Sample, Survival, estimated_needle};
 use crate::tracking::{Tracker, Tracking};
 use needle_model::{Input, Needle, Pose, ReferencePath};
 
+/// Relative difference of curvature that is worth another reference: along 100 mm half of it costs some hundredths of a millimetre.
+const NOTICEABLE: f64 = 0.01;
+
 /// What every predictive controller is told of its task beside needle and path.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Pursuit {
@@ -46,9 +49,13 @@ impl Follower {
         }
     }
 
-    /// Whether the estimated curvature is another than the model's.
+    /// Whether the estimated curvature is noticeably another than the model's.
     pub(crate) fn needle_differs(&self) -> bool {
-        self.needle != self.model
+        let (estimate, model) = (
+            self.needle.curvature_per_mm(),
+            self.model.curvature_per_mm(),
+        );
+        (estimate - model).abs() > NOTICEABLE * model
     }
 
     /// Takes in a measurement and moves the present point of the path.

@@ -4,7 +4,7 @@
 //! is. Of a straight needle only depth (xi_3) and roll (xi_6) answer to the inputs; there the model is x+ = x + dt u exactly,
 //! the paper's problem. Both share this file; they differ in the coordinates of the error and the terminal choices.
 //!
-//! Under an estimated curvature that is not the model's the time-varying controller is linearised about a nominal needle of that
+//! Under an estimated curvature that is more than 1 % off the model's the time-varying controller is linearised about a nominal needle of that
 //! curvature, which the nonlinear controller steers along the path (`nominal`).
 
 mod configuration;
@@ -70,7 +70,7 @@ impl LtvController {
         Self::with_solver(needle, path, configuration, make_solver)
     }
 
-    /// The same on a solver of the caller's choice.
+    /// The same on a solver of the caller's choice; under an estimated curvature the nominal needle is planned by the structured one.
     ///
     /// # Errors
     /// As [`LtvController::new`].
@@ -176,7 +176,7 @@ impl<const NX: usize> LinearController<NX> {
         &self.configuration
     }
 
-    /// The terminal choice in force; never [`TerminalChoice::Auto`].
+    /// The terminal choice that was made; never [`TerminalChoice::Auto`]. Its set is in force while the reference is.
     #[must_use]
     pub fn terminal(&self) -> TerminalChoice {
         self.chosen
@@ -190,7 +190,7 @@ impl<const NX: usize> LinearController<NX> {
     }
 
     /// What is claimed of the terminal ingredients, check by check; `None` without a terminal set. The claims are about the
-    /// model's curvature: from the first estimate that differs the set is left out.
+    /// model's curvature: from the first estimate that differs by more than 1 % the set is left out.
     #[must_use]
     pub fn certificate(&self) -> Option<&Certificate> {
         self.ingredients.certificate.as_ref()

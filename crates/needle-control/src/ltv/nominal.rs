@@ -3,16 +3,18 @@
 //! Reference inputs belong to one curvature. A needle that bends otherwise must spend its turns otherwise, by roll errors of a radian and
 //! more, of which a linearisation about the reference says nothing. So from the first estimate that differs from the model the linear
 //! controller follows a nominal needle: it has the estimated curvature, starts on the reference and is steered along it by the nonlinear
-//! controller (the nominal system of tube MPC; Mayne, Kerrigan, van Wyk and Falugi, 2011). Its plan stands in for the reference over the
+//! program (the nominal system of tube MPC; Mayne, Kerrigan, van Wyk and Falugi, 2011). Its plan stands in for the reference over the
 //! horizon. It is drawn to the measured needle slowly: what was lost before the estimate was right is won back by the nonlinear plan.
 
 use super::configuration::LinearConfiguration;
 use crate::configuration::ConfigurationError;
-use crate::controller::{Controller, Measurement};
-use crate::nmpc::{NmpcConfiguration, NmpcController, SpinTarget};
+use crate::controller::{Controller, SolverStatistics};
+use crate::nmpc::{Known, NmpcConfiguration, NmpcController, SpinTarget};
+use crate::survival::{Sample, Survival};
 use crate::terminal::TerminalChoice;
 use crate::tracking::{Tracker, Tracking};
 use needle_model::{Input, Needle, Pose, ReferencePath};
+use std::time::Instant;
 
 /// Time constant with which the nominal needle is drawn to the measured one, s. Never, the error that a filter's first doubts leave
 /// stays for the rest of the path (0.33 mm for a needle that bends 20 % less); a tenth of a second would leave nothing to linear control.
@@ -23,9 +25,12 @@ const DRAWN_S: f64 = 0.3;
 pub(super) struct Nominal {
     planner: NmpcController,
     dt_s: f64,
+    max_plan_age: usize,
     /// Time along the path of the plan; `None` before there is one.
     planned_s: Option<f64>,
-    /// Poses from the nominal needle's own on, N + 1.
+    /// Samples since the program last had an answer.
+    age: usize,
+    /// Poses from the nominal needle's own on, and its inputs, over the planner's horizon.
     poses: Vec<Pose>,
     inputs: Vec<Input>,
 }
@@ -38,27 +43,34 @@ impl Nominal {
         configuration: &LinearConfiguration,
     ) -> Result<Self, ConfigurationError> {
         let LinearConfiguration {
-            horizon,
             dt_s,
             limits,
             survival,
             ..
         } = *configuration;
+        let usual = NmpcConfiguration::default();
+        // A shorter plan sees too little of the path to spend turns well.
+        let horizon = configuration.horizon.max(usual.horizon);
         let planning = NmpcConfiguration {
             horizon,
             dt_s,
             limits,
-            survival,
+            survival: Survival {
+                // The linear program needs the other half.
+                deadline: survival.deadline.map(|deadline| deadline / 2),
+                ..survival
+            },
             spin_target: SpinTarget::Reference,
             terminal: TerminalChoice::None,
-            // It is told the time along the path.
             tracking: Tracking::Time,
-            ..NmpcConfiguration::default()
+            ..usual
         };
         Ok(Self {
             planner: NmpcController::new(needle, path.clone(), planning)?,
             dt_s,
+            max_plan_age: survival.max_plan_age,
             planned_s: None,
+            age: 0,
             poses: vec![Pose::identity(); horizon + 1],
             inputs: vec![Input::ZERO; horizon],
         })
@@ -69,33 +81,62 @@ impl Nominal {
         self.planned_s.is_some()
     }
 
+    /// What the nonlinear program took for the present sample.
+    pub(super) fn statistics(&self) -> SolverStatistics {
+        self.planner.statistics()
+    }
+
     /// Replaces the tracker's poses and inputs by those of a nominal needle of the estimated curvature; returns its input one step before.
+    /// `None`, and nothing replaced, while no plan is to be had.
     pub(super) fn stand_in(
         &mut self,
         needle: &Needle,
         measured: &Pose,
+        sample: &Sample,
         tracker: &mut Tracker,
-    ) -> Input {
+        started: Instant,
+    ) -> Option<Input> {
         let now_s = tracker.time_s();
-        let before = match self.planned_s {
+        let elapsed_s = self.planned_s.map_or(0.0, |planned_s| now_s - planned_s);
+        let held = match self.planned_s {
             None => {
                 self.poses[0] = tracker.poses[0];
                 tracker.input_before()
             }
-            Some(planned_s) => self.travel(needle, now_s - planned_s),
+            Some(_) => self.travel(needle, elapsed_s),
         };
-        if self.planned_s != Some(now_s) {
-            let drawn = 1.0 - (-self.dt_s / DRAWN_S).exp();
-            let behind = measured.error_from(&self.poses[0]);
-            self.poses[0] = self.poses[0].perturbed(&(behind * drawn));
-            self.plan(needle, now_s);
+        let drawn = 1.0 - (-sample.elapsed_s / DRAWN_S).exp();
+        let behind = measured.error_from(&self.poses[0]);
+        self.poses[0] = self.poses[0].perturbed(&(behind * drawn));
+        let here = Known {
+            needle: *needle,
+            pose: self.poses[0],
+            time_s: now_s,
+            elapsed_s,
+            held,
+            reach_s: sample.reach_s,
+        };
+        match self.planner.plan_from(&here, started) {
+            Some(planned) => {
+                self.inputs.copy_from_slice(planned);
+                self.age = 0;
+            }
+            None => self.age += 1,
         }
-        tracker.poses.copy_from_slice(&self.poses);
-        tracker.inputs.copy_from_slice(&self.inputs);
-        before
+        let none_yet = self.planned_s.is_none() && self.age > 0;
+        if none_yet || self.age > self.max_plan_age {
+            (self.planned_s, self.age) = (None, 0);
+            return None;
+        }
+        self.planned_s = Some(now_s);
+        self.simulate(needle);
+        let ahead = tracker.inputs.len();
+        tracker.poses.copy_from_slice(&self.poses[..=ahead]);
+        tracker.inputs.copy_from_slice(&self.inputs[..ahead]);
+        Some(held)
     }
 
-    /// Moves the nominal needle along its plan; returns the input that it held last.
+    /// Moves the nominal needle along its plan, whose last inputs repeat; returns the input that it held last.
     fn travel(&mut self, needle: &Needle, elapsed_s: f64) -> Input {
         let samples = (elapsed_s / self.dt_s + 1e-9).max(0.0);
         let last = self.inputs.len() - 1;
@@ -107,39 +148,24 @@ impl Nominal {
         } else {
             whole.saturating_sub(1)
         };
-        let here = self.poses[whole];
+        let (here, held) = (self.poses[whole], self.inputs[held]);
         self.poses[0] = needle
             .step(&here, self.inputs[whole], rest_s)
             .unwrap_or(here);
-        self.inputs[held]
+        self.inputs.copy_within(whole.., 0);
+        held
     }
 
-    /// Plans from the nominal needle's pose on; what the plan does not reach, it is at rest.
-    fn plan(&mut self, needle: &Needle, now_s: f64) {
-        self.planned_s = Some(now_s);
-        let measured = Measurement {
-            pose: Some(self.poses[0]),
-            curvature_per_mm: Some(needle.curvature_per_mm()),
-        };
-        let planned = self.planner.step(&measured, now_s);
-        let (first, predicted) = (planned.input, planned.predicted);
+    /// A needle of this curvature executes the plan exactly; an input that it cannot is rest.
+    fn simulate(&mut self, needle: &Needle) {
         for k in 0..self.inputs.len() {
-            let link = match predicted.get(k..k + 2) {
-                Some([here, next]) => here.relative(next).log() / self.dt_s,
-                _ => Default::default(),
-            };
-            let input = match k {
-                0 => first,
-                _ => Input {
-                    v_mm_s: link[2],
-                    omega_rad_s: link[5],
-                },
-            };
             let here = self.poses[k];
-            // Simulated: a needle of this curvature executes the plan exactly.
-            (self.inputs[k], self.poses[k + 1]) = match needle.step(&here, input, self.dt_s) {
-                Ok(next) => (input, next),
-                Err(_) => (Input::ZERO, here),
+            self.poses[k + 1] = match needle.step(&here, self.inputs[k], self.dt_s) {
+                Ok(next) => next,
+                Err(_) => {
+                    self.inputs[k] = Input::ZERO;
+                    here
+                }
             };
         }
     }
@@ -147,6 +173,6 @@ impl Nominal {
     /// As newly made.
     pub(super) fn reset(&mut self) {
         self.planner.reset();
-        self.planned_s = None;
+        (self.planned_s, self.age) = (None, 0);
     }
 }

@@ -54,7 +54,7 @@ impl<const NX: usize> LinearController<NX> {
     /// Solves from a pose; `None` without a usable answer.
     fn solve(&mut self, pose: &Pose, sample: &Sample, started: Instant) -> Option<Origin> {
         // The deviation applied last was one from the reference's input at that time.
-        let before = self.refer(pose);
+        let before = self.refer(pose, sample, started);
         self.linearise().ok()?;
         let Follower { tracker, guard, .. } = &self.follower;
         self.regulator
@@ -100,19 +100,25 @@ impl<const NX: usize> LinearController<NX> {
         })
     }
 
-    /// Puts the nominal needle's plan in the reference's place where the estimated curvature is not the model's; returns the
-    /// reference's input one step before.
-    fn refer(&mut self, pose: &Pose) -> Input {
+    /// Puts the nominal needle's plan in the reference's place where the estimated curvature is not the model's; returns the input one
+    /// step before.
+    fn refer(&mut self, pose: &Pose, sample: &Sample, started: Instant) -> Input {
         let differs = self.follower.needle_differs();
         let Follower {
             needle, tracker, ..
         } = &mut self.follower;
-        match &mut self.nominal {
-            Some(nominal) if differs || nominal.in_force() => {
-                nominal.stand_in(needle, pose, tracker)
-            }
-            _ => tracker.input_before(),
-        }
+        let nominal = self.nominal.as_mut();
+        let wanted = nominal.filter(|nominal| differs || nominal.in_force());
+        let stood_in = wanted.and_then(|nominal| {
+            let before = nominal.stand_in(needle, pose, sample, tracker, started);
+            let SolverStatistics {
+                solves, iterations, ..
+            } = nominal.statistics();
+            self.statistics.solves += solves;
+            self.statistics.iterations += iterations;
+            before
+        });
+        stood_in.unwrap_or_else(|| tracker.input_before())
     }
 
     /// Whether a nominal needle stands in for the reference.

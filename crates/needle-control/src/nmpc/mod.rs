@@ -52,6 +52,20 @@ pub struct NmpcController {
     statistics: SolverStatistics,
 }
 
+/// A needle whose state is known, at a time along the path.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Known {
+    pub(crate) needle: Needle,
+    pub(crate) pose: Pose,
+    /// Time along the path.
+    pub(crate) time_s: f64,
+    /// Since the plan before.
+    pub(crate) elapsed_s: f64,
+    /// Held until now; the first input can be changed from it for `reach_s`.
+    pub(crate) held: Input,
+    pub(crate) reach_s: f64,
+}
+
 impl NmpcController {
     /// A controller at the start of `path`, at rest, on the structured solver.
     ///
@@ -137,6 +151,34 @@ impl NmpcController {
     pub fn value(&self) -> f64 {
         self.shooting
             .cost(&self.shooting.plan, &self.follower.tracker)
+    }
+
+    /// Inputs of a plan from a pose that is known: no clock, no gate, no fall-back. `None` where no plan results by the deadline of a
+    /// step that began at `started`.
+    pub(crate) fn plan_from(&mut self, here: &Known, started: Instant) -> Option<&[Input]> {
+        let Follower {
+            needle,
+            tracker,
+            guard,
+            ..
+        } = &mut self.follower;
+        *needle = here.needle;
+        tracker.place(here.time_s);
+        guard.hold(here.held);
+        self.statistics = SolverStatistics::default();
+        self.shift(here.elapsed_s);
+        let sample = Sample {
+            elapsed_s: here.elapsed_s,
+            reach_s: here.reach_s,
+            pose: Some(here.pose),
+        };
+        let planned = self.improve(&here.pose, &sample, started);
+        planned.then_some(&self.shooting.plan.inputs)
+    }
+
+    /// Of the last step.
+    pub(crate) fn statistics(&self) -> SolverStatistics {
+        self.statistics
     }
 
     fn decide(

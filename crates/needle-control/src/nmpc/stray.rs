@@ -10,8 +10,8 @@
 //! - A spin gives up bend, and within a horizon that hardly shows. So a revolution a horizon costs as much as an offset by the sagitta,
 //!   beside the spin's own weight.
 //!
-//! Both come in by the share r^4 / (1 + r^4), r = e / s: at a tenth of the sagitta they are gone, and the program is the configured
-//! one. The offset is the measured one, so that the program of a sample is fixed before it is solved.
+//! Both come in by the share r^4 / (1 + r^4), r = e / s: 1e-4 at a tenth of the sagitta, where the program is almost the configured
+//! one. The offset is the measured one, so that the program of a sample is fixed before it is solved; its noise comes in with it.
 
 use super::cost::{NmpcWeights, PoseWeights};
 use crate::follower::Follower;
@@ -62,7 +62,8 @@ impl Stray {
             share: 1.0 / (1.0 + ratio.powi(-4)),
             sagitta_mm,
             horizon_s: horizon * dt_s,
-            stages: stages.min(tracker.stages_beyond()),
+            // Of less than one whole stage the form would be indefinite.
+            stages: stages.min(tracker.stages_beyond()).ceil(),
             stage_mm: tracker.input_beyond().v_mm_s * dt_s,
         }
     }
@@ -92,7 +93,9 @@ impl Stray {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::nmpc::NmpcConfiguration;
     use nalgebra::{Vector3, Vector6};
+    use needle_model::{Input, Needle, ReferencePath};
 
     fn stray(share: f64) -> Stray {
         Stray {
@@ -124,10 +127,58 @@ mod tests {
         assert!((with - without - 0.25 * sum).abs() < 1e-12 * with);
     }
 
+    /// A needle `off_mm` beside the start of a straight path.
+    fn beside(off_mm: f64) -> Stray {
+        let needle = Needle::new(1.0 / 150.0).unwrap();
+        let inputs = vec![
+            Input {
+                v_mm_s: 5.0,
+                omega_rad_s: 0.0
+            };
+            100
+        ];
+        let straight = Needle::new(0.0).unwrap();
+        let path = ReferencePath::from_inputs(straight, Pose::identity(), inputs, 0.1).unwrap();
+        let pursuit = NmpcConfiguration::default().pursuit();
+        let mut follower = Follower::new(needle, path, pursuit);
+        follower.tracker.place(0.0);
+        let pose = Pose::exp(&Vector6::new(off_mm, 0.0, 0.0, 0.0, 0.0, 0.0));
+        Stray::at(&pose, &follower, 0.1)
+    }
+
     #[test]
     fn on_the_path_the_program_is_the_configured_one() {
         let weights = NmpcWeights::default();
-        assert_eq!(stray(0.0).end(&weights), weights.end());
-        assert_eq!(stray(0.0).spin(&weights), 0.0);
+        assert_eq!(beside(0.0).end(&weights), weights.end());
+        assert_eq!(beside(0.0).spin(&weights), 0.0);
+    }
+
+    #[test]
+    fn farther_off_the_heading_counts_more_and_the_form_stays_convex() {
+        // Only what coasting costs.
+        let weights = NmpcWeights {
+            end_position: 0.0,
+            end_tangent: 0.0,
+            tangent: 0.0,
+            ..NmpcWeights::default()
+        };
+        let mut before = 0.0;
+        for k in 1..200 {
+            let stray = beside(0.01 * f64::from(k));
+            let PoseWeights {
+                position,
+                cross,
+                tangent,
+                ..
+            } = stray.end(&weights);
+            assert!(tangent >= before && stray.spin(&weights) > 0.0, "{k}");
+            // Rounding; one stage of coasting is the square of one offset.
+            assert!(
+                position * tangent - cross * cross >= -1e-12 * cross * cross,
+                "{k}"
+            );
+            before = tangent;
+        }
+        assert!(before > 0.0);
     }
 }

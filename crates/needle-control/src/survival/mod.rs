@@ -107,6 +107,11 @@ impl Guard {
         self.previous
     }
 
+    /// Takes an input for the one applied last.
+    pub(crate) fn hold(&mut self, input: Input) {
+        self.previous = input;
+    }
+
     /// Passes a measurement through the clock and the gate.
     pub(crate) fn accept(
         &mut self,

@@ -102,6 +102,16 @@ impl Tracker {
             }
             (Tracking::Time, _) => self.time_s = (self.time_s + elapsed_s).min(f64::MAX),
         }
+        self.look_ahead();
+    }
+
+    /// Puts the present point at a time along the path and refills the horizon.
+    pub(crate) fn place(&mut self, time_s: f64) {
+        self.time_s = time_s;
+        self.look_ahead();
+    }
+
+    fn look_ahead(&mut self) {
         for k in 0..self.poses.len() {
             let time_s = self.time_s + k as f64 * self.dt_s;
             let (step, fraction) = self.sample(time_s);

@@ -123,9 +123,14 @@ fn last_estimate_of_curvature_stays_for_every_controller() {
     let settings = BaselineSettings::default();
     let controllers = || {
         let nmpc = NmpcController::new(needle, helix(100), NmpcConfiguration::default());
+        let ltv = LtvController::new(needle, helix(100), LinearConfiguration::default());
         let law = LawController::new(helix(100), needle, law(), settings);
-        let pair: [Box<dyn Controller>; 2] = [Box::new(nmpc.unwrap()), Box::new(law.unwrap())];
-        pair
+        let all: [Box<dyn Controller>; 3] = [
+            Box::new(nmpc.unwrap()),
+            Box::new(ltv.unwrap()),
+            Box::new(law.unwrap()),
+        ];
+        all
     };
     let start = Pose::identity().perturbed(&Vector6::new(0.05, -0.03, 0.0, 0.0, 0.0, 0.2));
     for (mut once, mut always) in controllers().into_iter().zip(controllers()) {
