@@ -18,6 +18,9 @@ const OMEGA: f64 = 1e7;
 /// falls by ten a sweep shows that the weight is too small.
 const CONE_OMEGA: f64 = 1e10;
 
+/// Distance from a bound that rounding leaves of values near one.
+const ROUNDING: f64 = 1e-14;
+
 /// When to give sweeps up.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patience {
@@ -92,9 +95,15 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         cuts.count <= FEW && self.sweep(COLD)
     }
 
+    /// Distance from a bound at which it is held: a tenth of the tolerance in the given units, as far as rounding lets it.
+    fn held_within(&self) -> f64 {
+        (0.1 * self.settings.tolerance / self.unit).max(ROUNDING)
+    }
+
     /// Sweeps until the guess is right; true if the optimality conditions hold then.
     pub(super) fn sweep(&mut self, patience: Patience) -> bool {
         let tolerance = self.settings.tolerance;
+        let within = self.held_within();
         let mut fewest = usize::MAX;
         let mut right = false;
         for channel in self.newton.channels() {
@@ -119,7 +128,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 let small = verdict.gap * unit <= 0.1 * tolerance || verdict.gap > 0.5 * before;
                 if verdict.changes > 0
                     || verdict.rough
-                    || (self.unit * verdict.distance <= 0.01 * tolerance && small)
+                    || (verdict.distance <= 0.1 * within && small)
                 {
                     break;
                 }
@@ -130,7 +139,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             }
             if verdict.changes == 0 && !verdict.rough {
                 // `larger` forgets a NaN, the sum of the gap does not.
-                let held = verdict.distance <= 0.1 * tolerance && verdict.gap.is_finite();
+                let held = verdict.distance <= within && verdict.gap.is_finite();
                 if !held {
                     return false;
                 }
@@ -158,13 +167,20 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     /// Iterative refinement of a settled guess: solves for what is left of its conditions with the factorisation at hand. A weight of 1e10
     /// on a state that the inputs hardly reach leaves a residual beside which the tolerance is small.
     fn refine_held(&mut self, tolerance: f64) -> bool {
-        (0..REFINEMENTS).any(|_| {
+        let within = self.held_within();
+        for _ in 0..REFINEMENTS {
             let newton = &mut self.newton;
             run(HoldActive(newton));
             run(Resolve(newton));
             let verdict = run(Settle(newton));
-            let same = verdict.changes == 0 && !verdict.rough;
-            same && verdict.distance <= 0.1 * tolerance && self.stationary(tolerance)
-        })
+            // The factorisation at hand belongs to the guess before.
+            if verdict.changes > 0 || verdict.rough || !verdict.gap.is_finite() {
+                return false;
+            }
+            if verdict.distance <= within && self.stationary(tolerance) {
+                return true;
+            }
+        }
+        false
     }
 }
