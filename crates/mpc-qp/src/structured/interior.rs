@@ -6,7 +6,9 @@ use super::kernel::run;
 use super::passes::{Advance, Backward, ConeTerm, Factorise, Forward, Weigh};
 use super::solves::{Ray, SolveAbsolute};
 use super::sweeps::Patience;
-use crate::certificate::{cancel_opposite_multipliers, examine_certificate};
+use crate::certificate::{
+    InfeasibilityCertificate, cancel_opposite_multipliers, examine_certificate,
+};
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
 
@@ -57,6 +59,16 @@ const BEYOND_REACH: f64 = 10.0;
 fn length<const NX: usize, const NU: usize>(solution: &Solution<NX, NU>) -> f64 {
     let of_states: f64 = solution.x[1..].iter().map(|x| x.lp_norm(1)).sum();
     of_states + solution.u.iter().map(|u| u.lp_norm(1)).sum::<f64>()
+}
+
+/// Whether the ray with this certificate is a proof, the trajectory at hand beside it.
+pub(super) fn proves<const NX: usize, const NU: usize>(
+    certificate: &InfeasibilityCertificate,
+    solution: &Solution<NX, NU>,
+) -> bool {
+    let far = BEYOND_REACH * length(solution);
+    certificate.residual <= RAY_TOLERANCE.min(far.recip())
+        && certificate.sign_violation <= RAY_TOLERANCE
 }
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
@@ -154,10 +166,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             .for_each(|costate| *costate *= self.newton.cost_unit);
         cancel_opposite_multipliers(&mut solution.multipliers);
         let (certificate, blame) = examine_certificate(problem, solution);
-        let far = BEYOND_REACH * length(solution);
-        if certificate.residual <= RAY_TOLERANCE.min(far.recip())
-            && certificate.sign_violation <= RAY_TOLERANCE
-        {
+        if proves(&certificate, solution) {
             return Some(SolveStatus::PrimalInfeasible { certificate, blame });
         }
         for channel in self.newton.channels() {

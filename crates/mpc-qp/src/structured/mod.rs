@@ -31,6 +31,7 @@ mod write;
 #[cfg(test)]
 mod tests;
 
+use crate::certificate::examine_certificate;
 use crate::error::SolveError;
 use crate::multipliers::TerminalSetMultipliers;
 use crate::problem::OcpQp;
@@ -39,6 +40,7 @@ use crate::softening::ConstraintGroup;
 use crate::solution::{Solution, SolveStatus};
 use crate::solver::{OcpSolver, SolverSettings, Start, accurate_residual, usable_residual};
 use crate::units::Natural;
+use interior::proves;
 use kernel::{Lanes, Phase, run};
 use newton::Newton;
 use solves::Costates;
@@ -58,7 +60,7 @@ pub struct StructuredSolver<const NX: usize, const NU: usize> {
     /// Spent on residuals.
     judging: Duration,
     iterations: usize,
-    /// The largest unit of the values at hand, in which their distances from bounds count.
+    /// The largest unit of the values at hand, at least one: their distances from bounds count in the given units too.
     unit: f64,
 }
 
@@ -111,7 +113,10 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let judging = Instant::now();
         solution.residuals = Residuals::evaluate(problem, solution);
         self.judging += judging.elapsed();
-        solution.status = confirmed(status, solution.residuals.worst(), self.settings.tolerance);
+        let objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
+        let gap = solution.residuals.complementarity.absolute / objective.abs();
+        let tolerance = self.settings.tolerance;
+        solution.status = confirmed(status, solution.residuals.worst(), gap, tolerance);
     }
 
     /// The careful pass after an answer that is not good enough; the better of the two stays.
@@ -164,22 +169,53 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         }
     }
 
-    /// Solves the problem in its given units if the answer in others is not good enough for them; the better of the two stays.
+    /// Solves the problem in its given units if the answer in others is not good enough for them; the better of the two in the worse of
+    /// the units stays. A point that is within tolerances in the given units alone is no answer, nor is such a ray a proof.
     fn mend_as_given(
         &mut self,
         problem: &OcpQp<NX, NU>,
-        other: &mut Solution<NX, NU>,
+        natural: &mut Natural<NX, NU>,
         solution: &mut Solution<NX, NU>,
     ) {
         if settled(solution.status) || self.stopped() {
             return;
         }
+        let worst = solution.residuals.worst();
+        let worst = worst.max(natural.solution.residuals.worst());
         self.unit = 1.0;
         run(Load(&mut self.newton, problem));
-        self.solve_loaded(problem, Start::Cold, other);
-        let better = other.residuals.worst() < solution.residuals.worst();
-        if settled(other.status) || (better && other.status.has_solution()) {
-            std::mem::swap(other, solution);
+        let mended = &mut natural.solution;
+        self.solve_loaded(problem, Start::Cold, mended);
+        let ended = mended.status;
+        let judging = Instant::now();
+        let inside = &mut self.first;
+        natural.units.convert_solution(mended, inside);
+        inside.residuals = Residuals::evaluate(&natural.problem, inside);
+        let found = inside.residuals.worst();
+        mended.status = match ended {
+            SolveStatus::PrimalInfeasible { .. } => {
+                let (certificate, _) = examine_certificate(&natural.problem, inside);
+                if proves(&certificate, inside) {
+                    ended
+                } else {
+                    SolveStatus::NumericalTrouble
+                }
+            }
+            status if status.has_solution() && found > usable_residual(self.settings.tolerance) => {
+                SolveStatus::NumericalTrouble
+            }
+            SolveStatus::Solved if found > accurate_residual(self.settings.tolerance) => {
+                SolveStatus::SolvedInaccurate
+            }
+            status => status,
+        };
+        self.judging += judging.elapsed();
+        let better = mended.residuals.worst().max(found) < worst;
+        if settled(mended.status) || (better && mended.status.has_solution()) {
+            std::mem::swap(mended, solution);
+        } else if !solution.status.has_solution() && !ended.has_solution() && !settled(ended) {
+            // Two stops without an answer: what ended the second is what ended the solve.
+            solution.status = ended;
         }
     }
 
@@ -234,15 +270,18 @@ fn settled(status: SolveStatus) -> bool {
     )
 }
 
-/// The status after a look at the recomputed residuals: they may confirm, downgrade or, after a stop, upgrade it.
-fn confirmed(status: SolveStatus, residual: f64, tolerance: f64) -> SolveStatus {
+/// The status after a look at the recomputed residuals: they may confirm, downgrade or, after a stop, upgrade it. Residuals are absolute
+/// where the numbers are below one, so that a stop is an answer only where the gap is small beside the cost, `gap` times it.
+fn confirmed(status: SolveStatus, residual: f64, gap: f64, tolerance: f64) -> SolveStatus {
     let usable = residual <= usable_residual(tolerance);
     match status {
         SolveStatus::Solved if residual <= accurate_residual(tolerance) => SolveStatus::Solved,
         SolveStatus::Solved if usable => SolveStatus::SolvedInaccurate,
         SolveStatus::Solved => SolveStatus::NumericalTrouble,
         // A stop at a point that is optimal all the same.
-        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if residual <= tolerance => {
+        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble
+            if residual <= tolerance && gap <= tolerance =>
+        {
             SolveStatus::Solved
         }
         SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if usable => {
@@ -318,12 +357,12 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
         if let Some(mut natural) = natural {
             if natural.enter(problem, start, solution, 1.0) {
                 run(Load(&mut self.newton, &natural.problem));
-                self.unit = natural.largest_unit();
+                self.unit = natural.largest_unit().max(1.0);
                 self.solve_loaded(&natural.problem, start, &mut natural.solution);
                 let judging = Instant::now();
                 natural.leave(problem, self.settings.tolerance, solution);
                 self.judging += judging.elapsed();
-                self.mend_as_given(problem, &mut natural.solution, solution);
+                self.mend_as_given(problem, &mut natural, solution);
             } else {
                 self.solve_loaded(problem, start, solution);
             }

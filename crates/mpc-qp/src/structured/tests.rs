@@ -1,7 +1,7 @@
 //! What cannot be seen from outside: the baseline arithmetic, and limits and ends of the careful pass.
 
 use super::kernel::{BASELINE, run};
-use super::{Load, StructuredSolver};
+use super::{Load, StructuredSolver, confirmed};
 use crate::problem::OcpQp;
 use crate::problems::random::{self, Recipe};
 use crate::problems::tracking::Tracking;
@@ -9,6 +9,7 @@ use crate::solution::{Solution, SolveStatus};
 use crate::solver::{OcpSolver, SolverSettings, Start};
 use crate::stage::{Row, Stage};
 use crate::terminal::Terminal;
+use crate::units::Natural;
 use nalgebra::{Matrix1, Matrix2, Matrix6, Matrix6x2, Vector1, Vector2, Vector6};
 use std::time::{Duration, Instant};
 
@@ -91,6 +92,42 @@ fn careful_pass_solves_what_it_is_given() {
     assert_eq!(status, SolveStatus::Solved);
 }
 
+#[test]
+fn stop_is_an_answer_only_with_a_gap_that_is_small_beside_the_cost() {
+    for stop in [SolveStatus::IterationLimit, SolveStatus::NumericalTrouble] {
+        // A gap of 1e-9 at a cost of 1e-9 is all of it.
+        let status = confirmed(stop, 1e-9, 1.0, 1e-8);
+        assert_eq!(status, SolveStatus::SolvedInaccurate);
+        let status = confirmed(stop, 1e-9, 1e-9, 1e-8);
+        assert_eq!(status, SolveStatus::Solved);
+    }
+}
+
+// A double integrator twice as far from the origin as it can go, in units in which that is 1e-8: each violation is below every tolerance.
+#[test]
+fn violations_that_are_small_in_the_given_units_alone_are_no_answer() {
+    let unit = 1e-8;
+    let mut stage = Stage::new(
+        Matrix2::new(1.0, 0.1, 0.0, 1.0),
+        Vector2::new(0.005, 0.1) * unit,
+    );
+    stage.r = Matrix1::new(1.0);
+    (stage.u_min[0], stage.u_max[0]) = (-1.0, 1.0);
+    let mut terminal = Terminal::new(Matrix2::zeros());
+    terminal.set = crate::terminal::TerminalSet::Equality {
+        target: Vector2::zeros(),
+    };
+    let start = Vector2::new(2.0, 0.0) * unit;
+    let problem = OcpQp::new(start, vec![stage; 20], terminal).unwrap();
+    let mut solver = StructuredSolver::new(&problem, SolverSettings::default()).unwrap();
+    let mut natural = Natural::new(&problem);
+    let mut solution = Solution::new(&problem);
+    assert!(natural.enter(&problem, Start::Cold, &solution, 1.0));
+    solution.status = SolveStatus::NumericalTrouble;
+    solver.mend_as_given(&problem, &mut natural, &mut solution);
+    assert!(!solution.status.has_solution(), "{:?}", solution.status);
+}
+
 // 300 is less than a third of the iterations allowed.
 #[test]
 fn unbounded_cost_ends_in_trouble_before_the_limit() {
@@ -155,13 +192,15 @@ fn kept_factorisation_equals_a_fresh_one() {
     assert!(settled >= 35, "{settled} settled");
 }
 
-// After a solve `first` holds the point that was not taken.
+// After a solve in the given units alone `first` holds the point that was not taken.
 #[test]
 fn careful_pass_cut_short_leaves_the_better_point_and_the_whole_time() {
     let mut unsettled = 0;
     for seed in 0..200 {
         let problem = random::problem::<6, 2>(seed, &Recipe::badly_scaled(seed, 60)).unwrap();
-        for max_iterations in [10, 20, 30, 45, 60] {
+        let fresh = Solution::new(&problem);
+        let converted = Natural::new(&problem).enter(&problem, Start::Cold, &fresh, 1.0);
+        for max_iterations in [10, 20, 30, 45, 60, 120, 200] {
             let settings = SolverSettings {
                 max_iterations,
                 ..SolverSettings::default()
@@ -171,7 +210,7 @@ fn careful_pass_cut_short_leaves_the_better_point_and_the_whole_time() {
             let clock = Instant::now();
             solver.solve(&problem, Start::Cold, &mut solution).unwrap();
             assert!(solution.time <= clock.elapsed());
-            let passed_twice = solver.first.residuals != Solution::new(&problem).residuals;
+            let passed_twice = !converted && solver.first.residuals != fresh.residuals;
             let settled = matches!(
                 solution.status,
                 SolveStatus::Solved | SolveStatus::PrimalInfeasible { .. }

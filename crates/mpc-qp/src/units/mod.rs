@@ -28,7 +28,7 @@ pub(crate) struct Units<const NX: usize, const NU: usize> {
 /// Memory for a problem in its own units, and for its solution.
 #[derive(Clone, Debug)]
 pub(crate) struct Natural<const NX: usize, const NU: usize> {
-    units: Units<NX, NU>,
+    pub(crate) units: Units<NX, NU>,
     /// The way back.
     pub(crate) back: Units<NX, NU>,
     pub(crate) problem: OcpQp<NX, NU>,
