@@ -90,6 +90,15 @@ impl Channel {
         self.used[0] || self.used[1] || !self.fixed.is_empty()
     }
 
+    /// Distances of all pairs of bounds.
+    pub(super) fn widths(&self) -> impl Iterator<Item = f64> {
+        let [lower, upper] = &self.sides;
+        lower.iter().zip(upper).flat_map(|(low, high)| {
+            let both = (0..4).filter(|&i| low.on[i] * high.on[i] != 0.0);
+            both.map(|i| high.bound[i] + low.bound[i])
+        })
+    }
+
     /// Forgets the bounds, before new ones are entered.
     pub(super) fn clear(&mut self, price: Price) {
         self.fixed.clear();

@@ -8,6 +8,11 @@ use super::channel::Channel;
 use super::cone::{Cone, Place};
 use super::elimination::Value;
 use super::riccati::{Gain, Stage};
+use std::ops::RangeInclusive;
+
+/// Distances of two bounds between which the solver's constants serve: at 1e-4 the barrier that is left at the end has been seen to move
+/// inputs by a hundredth.
+const ORDINARY_WIDTH: RangeInclusive<f64> = 0.0078125..=1024.0;
 
 /// A general row's coefficients.
 #[derive(Clone, Copy, Debug)]
@@ -122,10 +127,20 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         self.states.any() || self.rows.any() || self.terminal.any()
     }
 
-    /// Whether the solver's constants may not suit the units: weights on states meet what inputs do to them, and a gap counts in the
-    /// unit of cost. Inputs and rates alone are weighed by the cost's own curvature, and the ellipsoid by its radius.
+    /// Whether the solver's constants may not suit the units: weights on states meet what inputs do to them, and gap, starting products and
+    /// starting slacks count in the unit of cost and in widths. An ellipsoid alone has what is given as its only size.
     pub(super) fn depends_on_units(&self) -> bool {
-        self.weighs_states() || !(1e-6..=1e6).contains(&self.cost_unit)
+        let ordinary = |width: f64| ORDINARY_WIDTH.contains(&width);
+        let bounded = self.inputs.any() || self.rates.any();
+        let far = |x: &f64| !ordinary(x.abs()) && *x != 0.0;
+        self.weighs_states()
+            || !(1e-6..=1e6).contains(&self.cost_unit)
+            || !self
+                .inputs
+                .widths()
+                .chain(self.rates.widths())
+                .all(ordinary)
+            || (!bounded && self.cone.is_some() && self.x0.iter().any(far))
     }
 
     /// How many of the first stages an active-set sweep has to factorise anew: those up to the last input or rate whose weight is not

@@ -128,6 +128,35 @@ fn violations_that_are_small_in_the_given_units_alone_are_no_answer() {
     assert!(!solution.status.has_solution(), "{:?}", solution.status);
 }
 
+// The same plan with x and u in other units. `Solved` may leave a hundred tolerances.
+#[test]
+fn unit_of_bounded_inputs_does_not_matter() {
+    let tracking = Tracking::default();
+    for (seed, cone) in (0..20).flat_map(|seed| [(seed, false), (seed, true)]) {
+        let problem = tracking.problem(Tracking::start(seed), 20, cone).unwrap();
+        let given = solve(&problem);
+        for unit in [1e-6, 1e-4, 1e6] {
+            let stages = problem.stages().iter().cloned().map(|mut stage| {
+                stage.u_min *= unit;
+                stage.u_max *= unit;
+                stage.du_min *= unit;
+                stage.du_max *= unit;
+                stage
+            });
+            let mut terminal = problem.terminal().clone();
+            if let crate::terminal::TerminalSet::Ellipsoid { level, .. } = &mut terminal.set {
+                *level *= unit * unit;
+            }
+            let start = problem.initial_state() * unit;
+            let copy = solve(&OcpQp::new(start, stages.collect(), terminal).unwrap());
+            let status = copy.status;
+            assert_eq!(status, SolveStatus::Solved, "seed {seed}, {unit:e}, {cone}");
+            let apart = (copy.u[0] / unit - given.u[0]).amax();
+            assert!(apart <= 1e-6, "seed {seed}, {unit:e}, {cone}: {apart:e}");
+        }
+    }
+}
+
 // 300 is less than a third of the iterations allowed.
 #[test]
 fn unbounded_cost_ends_in_trouble_before_the_limit() {
