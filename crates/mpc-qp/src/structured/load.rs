@@ -12,6 +12,7 @@ use crate::problem::OcpQp;
 use crate::softening::Penalty;
 use crate::stage::Stage as StageData;
 use crate::terminal::TerminalSet;
+use nalgebra::SVector;
 
 fn price(penalty: Penalty, unit: f64) -> Price {
     match penalty {
@@ -21,7 +22,24 @@ fn price(penalty: Penalty, unit: f64) -> Price {
     }
 }
 
-/// The largest curvature of the cost in an input: R plus what the next state's weight makes of B; the largest slope of a cost without.
+/// Curvature of the cost along what a unit impulse of input i at stage 0 does within NX stages, after which no state answers that did not
+/// before.
+fn curvature<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>, i: usize) -> f64 {
+    let (stages, end) = (problem.stages(), &problem.terminal().p);
+    let mut response: SVector<f64, NX> = stages[0].b.column(i).into();
+    let mut sum = 0.0;
+    for k in 1..=stages.len().min(NX) {
+        let weight = stages.get(k).map_or(end, |stage| &stage.q);
+        sum += response.dot(&(weight * response));
+        if let Some(stage) = stages.get(k) {
+            response = stage.a * response;
+        }
+    }
+    sum
+}
+
+/// The largest curvature of the cost in an input: R plus what the next state's weight makes of B, where that is nothing what later ones
+/// make of it; the largest slope of a cost without.
 fn cost_unit<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> f64 {
     let mut largest: f64 = 0.0;
     for (k, stage) in problem.stages().iter().enumerate() {
@@ -35,6 +53,9 @@ fn cost_unit<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> f64 {
                 .sum();
             largest = largest.max(stage.r[(i, i)] + through);
         }
+    }
+    if largest == 0.0 {
+        largest = (0..NU).map(|i| curvature(problem, i)).fold(0.0, f64::max);
     }
     if largest == 0.0 {
         let slopes = |stage: &StageData<NX, NU>| stage.r_linear.amax().max(stage.q_linear.amax());

@@ -6,7 +6,7 @@ use super::kernel::{Lanes, Phase, add_product};
 use super::newton::{Factorised, Newton, at};
 use super::penalty::Penalty;
 
-/// Weight of the ellipsoid on a state, in units of the terminal cost's, from which the textbook form loses too many digits.
+/// Weight of the ellipsoid on a state, in units of the terminal cost's (of the inputs' where there is none), from which the textbook form loses too many digits.
 const STIFF: f64 = 1e4;
 
 /// Factorises the system and does the backward pass for the channels' present forces.
@@ -53,7 +53,10 @@ impl<const NX: usize, const NU: usize> Phase for Factorise<'_, NX, NU> {
                 ConeTerm::Penalty(penalty) => cone.penalise(lanes, &x, penalty, xx, gx),
             }
         }
-        newton.stiff_end = (0..NX).any(|i| value.xx[i][i] > STIFF * newton.p[i][i]);
+        newton.stiff_end = (0..NX).any(|i| {
+            let own = newton.p[i][i];
+            value.xx[i][i] > STIFF * if own > 0.0 { own } else { 1.0 }
+        });
         newton.values[newton.n] = value;
         newton.factorised = Factorised::of(with_cone);
         for k in (changed..newton.n).rev() {

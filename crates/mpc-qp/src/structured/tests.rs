@@ -128,6 +128,21 @@ fn violations_that_are_small_in_the_given_units_alone_are_no_answer() {
     assert!(!solution.status.has_solution(), "{:?}", solution.status);
 }
 
+// Two integrators in Euler's form with a price on positions alone: an input costs something two stages later.
+#[test]
+fn cost_has_its_unit_where_only_later_states_have_a_price() {
+    let units = [1.0, 1e8].map(|price| {
+        let mut stage = Stage::new(Matrix2::new(1.0, 0.1, 0.0, 1.0), Vector2::new(0.0, 0.1));
+        stage.q[(0, 0)] = price;
+        let terminal = Terminal::new(stage.q);
+        let problem = OcpQp::new(Vector2::new(1.0, 0.0), vec![stage; 10], terminal).unwrap();
+        let mut solver = StructuredSolver::new(&problem, SolverSettings::default()).unwrap();
+        run(Load(&mut solver.newton, &problem));
+        solver.newton.cost_unit
+    });
+    assert!((units[1] / units[0] - 1e8).abs() < 1.0, "{units:?}");
+}
+
 // The same plan with x and u in other units. `Solved` may leave a hundred tolerances.
 #[test]
 fn unit_of_bounded_inputs_does_not_matter() {
