@@ -2,7 +2,11 @@
 
 use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::problems::tracking::Tracking;
-use mpc_qp::{OcpSolver, Solution, SolveStatus, SolverSettings, Start, StructuredSolver};
+use mpc_qp::{
+    OcpQp, OcpSolver, Solution, SolveStatus, SolverSettings, Stage, Start, StructuredSolver,
+    Terminal, TerminalSet,
+};
+use nalgebra::{Matrix1, Matrix2, Vector2};
 
 #[test]
 fn refill_and_solve_allocate_nothing() {
@@ -26,6 +30,42 @@ fn refill_and_solve_allocate_nothing() {
             });
             assert_eq!(counted.count_total, 0, "seed {seed}, cone {cone}");
         }
+    }
+}
+
+// A double integrator to the origin in units from 1e-6 to 1e6: all but the one of unit size are converted.
+#[test]
+fn problems_in_other_units_allocate_nothing_either() {
+    let problem = |size: f64, start: f64| {
+        let mut stage = Stage::new(
+            Matrix2::new(1.0, 0.1, 0.0, 1.0),
+            Vector2::new(0.005, 0.1) * size,
+        );
+        stage.r = Matrix1::new(1.0);
+        (stage.u_min[0], stage.u_max[0]) = (-5.0, 5.0);
+        let mut terminal = Terminal::new(Matrix2::zeros());
+        terminal.set = TerminalSet::Equality {
+            target: Vector2::zeros(),
+        };
+        let start = Vector2::new(start, 0.0) * size;
+        OcpQp::new(start, vec![stage; 20], terminal).unwrap()
+    };
+    let mut filled = problem(1.0, 1.0);
+    let mut solver = StructuredSolver::new(&filled, SolverSettings::default()).unwrap();
+    let mut solution = Solution::new(&filled);
+    for size in [1e-6, 1.0, 1e3, 1e-3, 1e6] {
+        let (other, later) = (problem(size, 1.0), problem(size, 0.9));
+        let counted = allocation_counter::measure(|| {
+            for (k, stage) in other.stages().iter().enumerate() {
+                filled.set_stage(k, stage).unwrap();
+            }
+            for (start, from) in [(Start::Cold, &other), (Start::Warm, &later)] {
+                filled.set_initial_state(from.initial_state()).unwrap();
+                solver.solve(&filled, start, &mut solution).unwrap();
+                assert_eq!(solution.status, SolveStatus::Solved, "size {size:e}");
+            }
+        });
+        assert_eq!(counted.count_total, 0, "size {size:e}");
     }
 }
 
