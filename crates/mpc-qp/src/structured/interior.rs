@@ -46,9 +46,17 @@ pub(super) const REFINEMENTS: usize = 3;
 /// Part of the gap tolerance at which an iterate that is not stationary will not become so.
 const EXHAUSTED: f64 = 1e-4;
 
-/// Iterations after which the careful pass takes over. Problems with hardly any curvature that ask for nearly all that the inputs can do
-/// have been seen to converge after 70.
+/// Iterations after which the careful pass takes over unless there is progress. Problems with hardly any curvature that ask for nearly
+/// all that the inputs can do have been seen to converge after 70.
+const USUAL_ITERATIONS: usize = 40;
+
+/// Iterations after which it takes over all the same.
 const MOST_ITERATIONS: usize = 100;
+
+/// Progress: after so many more iterations the products or the residuals have fallen to this part. Where they were asked to halve, a cart over 200
+/// stages with inputs nearly free was lost of 26 that are solved; to a tenth, 22.
+const WATCHED: usize = 10;
+const FALLEN: f64 = 0.9;
 
 /// A ray is a proof if no trajectory with a 1-norm up to the reciprocal of this is feasible, in units in which the data's sizes are near
 /// one, nor any of ten times the size of the trajectory at hand.
@@ -216,11 +224,18 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let mut short_steps = 0;
         let mut failed = false;
         let tolerance = self.settings.tolerance;
-        let limit = self
-            .settings
-            .max_iterations
-            .min(self.iterations + MOST_ITERATIONS);
-        while self.iterations < limit {
+        let mut watched = (f64::INFINITY, f64::INFINITY);
+        for iteration in 0..MOST_ITERATIONS {
+            if self.iterations >= self.settings.max_iterations {
+                break;
+            }
+            if iteration % WATCHED == 0 {
+                let progress = mu < FALLEN * watched.0 || infeasible < FALLEN * watched.1;
+                if iteration >= USUAL_ITERATIONS && !progress {
+                    break;
+                }
+                watched = (mu, infeasible);
+            }
             if self.out_of_time() {
                 return SolveStatus::TimeLimit;
             }
