@@ -18,8 +18,8 @@ const OMEGA: f64 = 1e7;
 /// falls by ten a sweep shows that the weight is too small.
 const CONE_OMEGA: f64 = 1e10;
 
-/// Distance from a bound that rounding leaves of values near one.
-const ROUNDING: f64 = 1e-14;
+/// Distance from a bound that rounding may leave of values near one, after the weights have driven it down as far as they can.
+const ROUNDING: f64 = 1e-12;
 
 /// When to give sweeps up.
 #[derive(Clone, Copy, Debug)]
@@ -128,7 +128,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 let small = verdict.gap * unit <= 0.1 * tolerance || verdict.gap > 0.5 * before;
                 if verdict.changes > 0
                     || verdict.rough
-                    || (verdict.distance <= 0.1 * within && small)
+                    || (self.unit * verdict.distance <= 0.01 * tolerance && small)
                 {
                     break;
                 }
