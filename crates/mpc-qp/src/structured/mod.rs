@@ -26,6 +26,7 @@ mod soft;
 mod solves;
 mod sweeps;
 mod terms;
+mod verdict;
 mod write;
 
 #[cfg(test)]
@@ -33,18 +34,17 @@ mod tests;
 
 use crate::certificate::examine_certificate;
 use crate::error::SolveError;
-use crate::multipliers::TerminalSetMultipliers;
 use crate::problem::OcpQp;
 use crate::residuals::Residuals;
-use crate::softening::ConstraintGroup;
 use crate::solution::{Solution, SolveStatus};
-use crate::solver::{OcpSolver, SolverSettings, Start, accurate_residual, usable_residual};
+use crate::solver::{OcpSolver, SolverSettings, Start};
 use crate::units::Natural;
 use interior::proves;
 use kernel::{Lanes, Phase, run};
 use newton::Newton;
 use solves::Costates;
 use std::time::{Duration, Instant};
+use verdict::{all_finite, confirmed, downgraded, settled};
 
 /// Structured interior-point solver.
 #[derive(Clone, Debug)]
@@ -187,10 +187,11 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let mended = &mut natural.solution;
         self.solve_loaded(problem, Start::Cold, mended);
         let ended = mended.status;
-        let judging = Instant::now();
         let inside = &mut self.first;
         natural.units.convert_solution(mended, inside);
+        let judging = Instant::now();
         inside.residuals = Residuals::evaluate(&natural.problem, inside);
+        self.judging += judging.elapsed();
         let found = inside.residuals.worst();
         mended.status = match ended {
             SolveStatus::PrimalInfeasible { .. } => {
@@ -201,15 +202,9 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                     SolveStatus::NumericalTrouble
                 }
             }
-            status if status.has_solution() && found > usable_residual(self.settings.tolerance) => {
-                SolveStatus::NumericalTrouble
-            }
-            SolveStatus::Solved if found > accurate_residual(self.settings.tolerance) => {
-                SolveStatus::SolvedInaccurate
-            }
+            status if status.has_solution() => downgraded(status, found, self.settings.tolerance),
             status => status,
         };
-        self.judging += judging.elapsed();
         let better = mended.residuals.worst().max(found) < worst;
         if settled(mended.status) || (better && mended.status.has_solution()) {
             std::mem::swap(mended, solution);
@@ -260,75 +255,6 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             residual <= tolerance * scale
         })
     }
-}
-
-/// An answer or a proof.
-fn settled(status: SolveStatus) -> bool {
-    matches!(
-        status,
-        SolveStatus::Solved | SolveStatus::PrimalInfeasible { .. }
-    )
-}
-
-/// The status after a look at the recomputed residuals: they may confirm, downgrade or, after a stop, upgrade it. Residuals are absolute
-/// where the numbers are below one, so that a stop is an answer only where the gap is small beside the cost, `gap` times it.
-fn confirmed(status: SolveStatus, residual: f64, gap: f64, tolerance: f64) -> SolveStatus {
-    let usable = residual <= usable_residual(tolerance);
-    match status {
-        SolveStatus::Solved if residual <= accurate_residual(tolerance) => SolveStatus::Solved,
-        SolveStatus::Solved if usable => SolveStatus::SolvedInaccurate,
-        SolveStatus::Solved => SolveStatus::NumericalTrouble,
-        // A stop at a point that is optimal all the same.
-        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble
-            if residual <= tolerance && gap <= tolerance =>
-        {
-            SolveStatus::Solved
-        }
-        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if usable => {
-            SolveStatus::SolvedInaccurate
-        }
-        other => other,
-    }
-}
-
-fn all_finite<const NX: usize, const NU: usize>(solution: &Solution<NX, NU>) -> bool {
-    let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
-    let (multipliers, slacks) = (&solution.multipliers, &solution.slacks);
-    let set = match &multipliers.terminal.set {
-        TerminalSetMultipliers::None => true,
-        TerminalSetMultipliers::Equality(multiplier) => finite(multiplier.as_slice()),
-        TerminalSetMultipliers::Polytope(multipliers) => finite(multipliers),
-        TerminalSetMultipliers::Ellipsoid { radius, offset } => {
-            radius.is_finite() && finite(offset.as_slice())
-        }
-    };
-    let inputs = multipliers.stages.iter().all(|stage| {
-        [&stage.u_min, &stage.u_max, &stage.du_min, &stage.du_max]
-            .iter()
-            .all(|bounds| finite(bounds.as_slice()))
-            && finite(&stage.rows)
-    });
-    let of_states = multipliers
-        .stages
-        .iter()
-        .map(|stage| [&stage.x_min, &stage.x_max])
-        .chain([[&multipliers.terminal.x_min, &multipliers.terminal.x_max]])
-        .chain(
-            slacks
-                .stages
-                .iter()
-                .map(|stage| [&stage.x_min, &stage.x_max]),
-        )
-        .chain([[&slacks.terminal.x_min, &slacks.terminal.x_max]])
-        .flatten();
-    set && inputs
-        && of_states
-            .chain(&solution.x)
-            .chain(&multipliers.costates)
-            .all(|x| finite(x.as_slice()))
-        && slacks.stages.iter().all(|stage| finite(&stage.rows))
-        && slacks.largest(ConstraintGroup::TerminalSet).is_finite()
-        && solution.u.iter().all(|u| finite(u.as_slice()))
 }
 
 impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX, NU> {

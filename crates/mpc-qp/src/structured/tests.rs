@@ -1,7 +1,8 @@
 //! What cannot be seen from outside: the baseline arithmetic, and limits and ends of the careful pass.
 
 use super::kernel::{BASELINE, run};
-use super::{Load, StructuredSolver, confirmed};
+use super::verdict::confirmed;
+use super::{Load, StructuredSolver};
 use crate::problem::OcpQp;
 use crate::problems::random::{self, Recipe};
 use crate::problems::tracking::Tracking;

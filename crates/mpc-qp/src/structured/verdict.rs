@@ -1,0 +1,90 @@
+//! What a point is worth: the status that its recomputed residuals support.
+
+use crate::multipliers::TerminalSetMultipliers;
+use crate::softening::ConstraintGroup;
+use crate::solution::{Solution, SolveStatus};
+use crate::solver::{accurate_residual, usable_residual};
+
+/// An answer or a proof.
+pub(super) fn settled(status: SolveStatus) -> bool {
+    matches!(
+        status,
+        SolveStatus::Solved | SolveStatus::PrimalInfeasible { .. }
+    )
+}
+
+/// What an answer is worth with these residuals.
+pub(super) fn downgraded(status: SolveStatus, residual: f64, tolerance: f64) -> SolveStatus {
+    if residual <= accurate_residual(tolerance) {
+        status
+    } else if residual <= usable_residual(tolerance) {
+        SolveStatus::SolvedInaccurate
+    } else {
+        SolveStatus::NumericalTrouble
+    }
+}
+
+/// The status after a look at the recomputed residuals: they may confirm, downgrade or, after a stop, upgrade it. Residuals are absolute
+/// where the numbers are below one, so that a stop is an answer only where the gap is small beside the cost, `gap` times it.
+pub(super) fn confirmed(
+    status: SolveStatus,
+    residual: f64,
+    gap: f64,
+    tolerance: f64,
+) -> SolveStatus {
+    let usable = residual <= usable_residual(tolerance);
+    match status {
+        SolveStatus::Solved => downgraded(status, residual, tolerance),
+        // A stop at a point that is optimal all the same.
+        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble
+            if residual <= tolerance && gap <= tolerance =>
+        {
+            SolveStatus::Solved
+        }
+        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if usable => {
+            SolveStatus::SolvedInaccurate
+        }
+        other => other,
+    }
+}
+
+/// Whether every number of a solution is finite.
+pub(super) fn all_finite<const NX: usize, const NU: usize>(solution: &Solution<NX, NU>) -> bool {
+    let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+    let (multipliers, slacks) = (&solution.multipliers, &solution.slacks);
+    let set = match &multipliers.terminal.set {
+        TerminalSetMultipliers::None => true,
+        TerminalSetMultipliers::Equality(multiplier) => finite(multiplier.as_slice()),
+        TerminalSetMultipliers::Polytope(multipliers) => finite(multipliers),
+        TerminalSetMultipliers::Ellipsoid { radius, offset } => {
+            radius.is_finite() && finite(offset.as_slice())
+        }
+    };
+    let inputs = multipliers.stages.iter().all(|stage| {
+        [&stage.u_min, &stage.u_max, &stage.du_min, &stage.du_max]
+            .iter()
+            .all(|bounds| finite(bounds.as_slice()))
+            && finite(&stage.rows)
+    });
+    let of_states = multipliers
+        .stages
+        .iter()
+        .map(|stage| [&stage.x_min, &stage.x_max])
+        .chain([[&multipliers.terminal.x_min, &multipliers.terminal.x_max]])
+        .chain(
+            slacks
+                .stages
+                .iter()
+                .map(|stage| [&stage.x_min, &stage.x_max]),
+        )
+        .chain([[&slacks.terminal.x_min, &slacks.terminal.x_max]])
+        .flatten();
+    set && inputs
+        && of_states
+            .chain(&solution.x)
+            .chain(&multipliers.costates)
+            .all(|x| finite(x.as_slice()))
+        && slacks.stages.iter().all(|stage| finite(&stage.rows))
+        && slacks.largest(ConstraintGroup::TerminalSet).is_finite()
+        && solution.u.iter().all(|u| finite(u.as_slice()))
+}
