@@ -113,8 +113,10 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let judging = Instant::now();
         solution.residuals = Residuals::evaluate(problem, solution);
         self.judging += judging.elapsed();
-        let objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
-        let gap = solution.residuals.complementarity.absolute / objective.abs();
+        let gap = || {
+            let objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
+            solution.residuals.complementarity.absolute / objective.abs()
+        };
         let tolerance = self.settings.tolerance;
         solution.status = confirmed(status, solution.residuals.worst(), gap, tolerance);
     }

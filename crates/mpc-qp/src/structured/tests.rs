@@ -97,9 +97,9 @@ fn careful_pass_solves_what_it_is_given() {
 fn stop_is_an_answer_only_with_a_gap_that_is_small_beside_the_cost() {
     for stop in [SolveStatus::IterationLimit, SolveStatus::NumericalTrouble] {
         // A gap of 1e-9 at a cost of 1e-9 is all of it.
-        let status = confirmed(stop, 1e-9, 1.0, 1e-8);
+        let status = confirmed(stop, 1e-9, || 1.0, 1e-8);
         assert_eq!(status, SolveStatus::SolvedInaccurate);
-        let status = confirmed(stop, 1e-9, 1e-9, 1e-8);
+        let status = confirmed(stop, 1e-9, || 1e-9, 1e-8);
         assert_eq!(status, SolveStatus::Solved);
     }
 }

@@ -29,7 +29,7 @@ pub(super) fn downgraded(status: SolveStatus, residual: f64, tolerance: f64) -> 
 pub(super) fn confirmed(
     status: SolveStatus,
     residual: f64,
-    gap: f64,
+    gap: impl Fn() -> f64,
     tolerance: f64,
 ) -> SolveStatus {
     let usable = residual <= usable_residual(tolerance);
@@ -37,7 +37,7 @@ pub(super) fn confirmed(
         SolveStatus::Solved => downgraded(status, residual, tolerance),
         // A stop at a point that is optimal all the same.
         SolveStatus::IterationLimit | SolveStatus::NumericalTrouble
-            if residual <= tolerance && gap <= tolerance =>
+            if residual <= tolerance && gap() <= tolerance =>
         {
             SolveStatus::Solved
         }
