@@ -1,15 +1,22 @@
 //! Which units: inputs by the room that their bounds leave, states by what such inputs do to them, the cost by its curvature.
 //!
-//! Every quantity here moves with the data's units, so a problem and its copy in other units end in the same numbers.
+//! Every quantity here moves with the data's units. Most are known only between two sizes (what the data ask for, what bounds allow or
+//! unstable plants do): where one lies between them, the unit stays as given.
 
 use super::Units;
 use crate::problem::OcpQp;
 use crate::softening::Penalty;
+use crate::stage::Stage;
 use crate::terminal::TerminalSet;
 use nalgebra::{SMatrix, SVector};
 
-/// Stages over which a unit impulse of an input is followed.
+/// Stages over which a unit impulse of an input is followed, as long as no state grows beyond this multiple of its first response: a
+/// double integrator grows by 31, an unstable plant's growth says nothing about where its states will be.
 const FOLLOWED: usize = 16;
+const GROWN: f64 = 32.0;
+
+/// Part of an input's largest response below which a response is rounding, squared.
+const NO_RESPONSE: f64 = 1e-16;
 
 /// Sizes of inputs, states and rows from 2^-7 to 2^4 are left as they are: the solvers' constants serve there, and nothing has to be
 /// converted. Responses over the horizon add up, hence the lower upper end.
@@ -27,6 +34,15 @@ fn power_of_two(size: f64, [low, high]: [f64; 2]) -> f64 {
     }
 }
 
+/// The size nearest to one between `high` and a smaller `low`, where that says something.
+fn nearest_to_one(low: f64, high: f64) -> f64 {
+    if low > 0.0 && low < high {
+        1.0_f64.clamp(low, high)
+    } else {
+        high
+    }
+}
+
 /// The larger one, with infinite numbers as absent ones.
 fn larger(one: f64, other: f64) -> f64 {
     if other.is_finite() {
@@ -36,15 +52,22 @@ fn larger(one: f64, other: f64) -> f64 {
     }
 }
 
-/// The widest distance of the bounds of each input; where there is none, of its rates' bounds; zero without either.
+/// The narrowest distance of the bounds of each input; where there is none, of its rates' bounds; zero without either.
 fn room<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> SVector<f64, NU> {
     SVector::from_fn(|i, _| {
-        let widest = |distance: &dyn Fn(usize) -> f64| {
-            (0..problem.horizon()).map(distance).fold(0.0, larger)
+        let narrowest = |distance: &dyn Fn(&Stage<NX, NU>) -> f64| {
+            let distances = problem.stages().iter().map(distance);
+            let narrowest = distances
+                .filter(|distance| *distance > 0.0)
+                .fold(f64::INFINITY, f64::min);
+            if narrowest.is_finite() {
+                narrowest
+            } else {
+                0.0
+            }
         };
-        let stages = problem.stages();
-        let of_inputs = widest(&|k| stages[k].u_max[i] - stages[k].u_min[i]);
-        let of_rates = widest(&|k| stages[k].du_max[i] - stages[k].du_min[i]);
+        let of_inputs = narrowest(&|stage| stage.u_max[i] - stage.u_min[i]);
+        let of_rates = narrowest(&|stage| stage.du_max[i] - stage.du_min[i]);
         if of_inputs > 0.0 { of_inputs } else { of_rates }
     })
 }
@@ -64,8 +87,19 @@ fn responses<const NX: usize, const NU: usize>(
         (SMatrix::<f64, NX, NU>::zeros(), SVector::<f64, NU>::zeros());
     for j in 0..NU {
         let mut response: SVector<f64, NX> = stages[0].b.column(j).into();
+        let mut first = response.abs();
         curvature[j] = stages[0].r[(j, j)];
         for k in 1..=n.min(FOLLOWED) {
+            first.zip_apply(&response, |first, value| {
+                if *first == 0.0 {
+                    *first = value.abs();
+                }
+            });
+            if response.zip_fold(&first, false, |grown, value, first| {
+                grown || value.abs() > GROWN * first
+            }) {
+                break;
+            }
             let mut sum = squares.column_mut(j);
             sum += response.component_mul(&response);
             curvature[j] += response.dot(&(weight(k) * response));
@@ -73,6 +107,13 @@ fn responses<const NX: usize, const NU: usize>(
                 response = stage.a * response;
             }
         }
+        let mut squares = squares.column_mut(j);
+        let least = NO_RESPONSE * squares.amax();
+        squares.apply(|square| {
+            if *square < least {
+                *square = 0.0;
+            }
+        });
         let last: SVector<f64, NX> = stages[n - 1].b.column(j).into();
         curvature[j] = curvature[j].max(last.dot(&(weight(n) * last)));
     }
@@ -99,14 +140,25 @@ fn given<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> SVector<f
     })
 }
 
-/// Units of the inputs; of those that nothing limits, what has the curvature of the others, or together what moves the states as far
-/// as they are asked to go.
+/// The largest multiple of `moved`, root squares, that a given number asks for.
+fn asked<const NX: usize>(given: &SVector<f64, NX>, moved: &SVector<f64, NX>) -> f64 {
+    (0..NX)
+        .filter(|&i| moved[i] > 0.0)
+        .map(|i| given[i] / moved[i].sqrt())
+        .fold(0.0, larger)
+}
+
+/// Units of the inputs: between the room of their bounds and what moves the states as far as they are asked to go; of those that nothing
+/// limits, what has the curvature of the others, or together what moves the states so far.
 fn of_inputs<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     squares: &SMatrix<f64, NX, NU>,
     curvature: &SVector<f64, NU>,
 ) -> SVector<f64, NU> {
-    let room = room(problem);
+    let (given, widths) = (given(problem), room(problem));
+    let room = SVector::<f64, NU>::from_fn(|j, _| {
+        nearest_to_one(asked(&given, &squares.column(j).into()), widths[j])
+    });
     let steepest = (0..NU)
         .map(|j| room[j] * room[j] * curvature[j])
         .fold(0.0, f64::max);
@@ -120,11 +172,7 @@ fn of_inputs<const NX: usize, const NU: usize>(
         }
     });
     if room.amax() == 0.0 {
-        let (given, moved) = (given(problem), squares * sizes.component_mul(&sizes));
-        let farthest = (0..NX)
-            .filter(|&i| moved[i] > 0.0)
-            .map(|i| given[i] / moved[i].sqrt())
-            .fold(0.0, larger);
+        let farthest = asked(&given, &(squares * sizes.component_mul(&sizes)));
         if farthest > 0.0 {
             sizes *= farthest;
         }
@@ -132,7 +180,7 @@ fn of_inputs<const NX: usize, const NU: usize>(
     sizes.map(|size| power_of_two(size, ORDINARY))
 }
 
-/// Units of the states: the response to inputs of unit size, or what is given where inputs do nothing. Where one price holds for
+/// Units of the states: between the response to inputs of unit size and what is given, or that where inputs do nothing. Where one price holds for
 /// violations of all states, all have the same unit.
 fn of_states<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
@@ -143,7 +191,7 @@ fn of_states<const NX: usize, const NU: usize>(
     let given = given(problem);
     let sizes = SVector::<f64, NX>::from_fn(|i, _| {
         if moved[i] > 0.0 {
-            moved[i].sqrt()
+            nearest_to_one(given[i], moved[i].sqrt())
         } else {
             given[i]
         }
@@ -172,7 +220,7 @@ fn of_cost<const NX: usize, const NU: usize>(
     if steepest > 0.0 {
         return power_of_two(steepest, ORDINARY_COST).recip();
     }
-    let slope = |stage: &crate::stage::Stage<NX, NU>| {
+    let slope = |stage: &Stage<NX, NU>| {
         let of_input = stage.r_linear.component_mul(&units.input).amax();
         of_input.max(stage.q_linear.component_mul(&units.state).amax())
     };
