@@ -25,6 +25,19 @@ pub struct InfeasibilityCertificate {
     pub sign_violation: f64,
 }
 
+/// Residual of a ray above which it proves nothing: trajectories of a 1-norm of 1e4 might be feasible.
+const LEAST_PROOF: f64 = 1e-4;
+
+/// Wrong signs above which a ray proves nothing.
+const PROOF_SIGNS: f64 = 1e-7;
+
+impl InfeasibilityCertificate {
+    /// Whether the ray refutes enough to be called a proof at all.
+    pub(crate) fn is_proof(&self) -> bool {
+        self.residual <= LEAST_PROOF && self.sign_violation <= PROOF_SIGNS
+    }
+}
+
 /// Takes from each pair of opposite bounds what both multipliers have in common.
 ///
 /// Interior-point rays leave a positive multiplier on every bound. The common part of a pair cancels in A'y and adds

@@ -287,9 +287,7 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
                 run(Load(&mut self.newton, &natural.problem));
                 self.unit = natural.largest_unit().max(1.0);
                 self.solve_loaded(&natural.problem, start, &mut natural.solution);
-                let judging = Instant::now();
-                natural.leave(problem, self.settings.tolerance, solution);
-                self.judging += judging.elapsed();
+                self.judging += natural.leave(problem, self.settings.tolerance, solution);
                 self.mend_as_given(problem, &mut natural, solution);
             } else {
                 self.solve_loaded(problem, start, solution);

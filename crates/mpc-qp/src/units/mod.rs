@@ -14,6 +14,7 @@ use crate::solution::{Solution, SolveStatus};
 use crate::solver::{Start, accurate_residual, usable_residual};
 use crate::terminal::TerminalSet;
 use nalgebra::SVector;
+use std::time::{Duration, Instant};
 
 /// What one is, in given units. Rows and faces are multiplied by their factors, the cost by its own.
 #[derive(Clone, Debug)]
@@ -92,29 +93,57 @@ impl<const NX: usize, const NU: usize> Natural<NX, NU> {
         self.units.state.amax().max(self.units.input.amax())
     }
 
-    /// Brings the answer back and judges it in the given units as well: they may downgrade it.
+    /// Brings the answer back and judges it in the given units as well: they may downgrade it, and call solved what they show to be.
+    /// Returns the time spent on residuals.
     pub(crate) fn leave(
         &mut self,
         problem: &OcpQp<NX, NU>,
         tolerance: f64,
         solution: &mut Solution<NX, NU>,
-    ) {
+    ) -> Duration {
         self.back.convert_solution(&self.solution, solution);
         solution.iterations = self.solution.iterations;
+        let judging = Instant::now();
         solution.evaluate(problem);
+        let judging = judging.elapsed();
+        solution.status = self.judged(problem, tolerance, solution);
+        judging
+    }
+
+    fn judged(
+        &self,
+        problem: &OcpQp<NX, NU>,
+        tolerance: f64,
+        solution: &Solution<NX, NU>,
+    ) -> SolveStatus {
         let worst = solution.residuals.worst();
-        solution.status = match self.solution.status {
+        match self.solution.status {
             SolveStatus::PrimalInfeasible { .. } => {
                 let (certificate, blame) = examine_certificate(problem, solution);
-                SolveStatus::PrimalInfeasible { certificate, blame }
+                if certificate.is_proof() {
+                    SolveStatus::PrimalInfeasible { certificate, blame }
+                } else {
+                    SolveStatus::NumericalTrouble
+                }
             }
-            status if status.has_solution() && worst > usable_residual(tolerance) => {
-                SolveStatus::NumericalTrouble
+            SolveStatus::Solved if worst <= accurate_residual(tolerance) => SolveStatus::Solved,
+            SolveStatus::SolvedInaccurate | SolveStatus::NumericalTrouble
+                if worst <= tolerance && self.is_relatively_good(tolerance, solution) =>
+            {
+                SolveStatus::Solved
             }
-            SolveStatus::Solved if worst > accurate_residual(tolerance) => {
-                SolveStatus::SolvedInaccurate
-            }
-            status => status,
-        };
+            status if !status.has_solution() => status,
+            _ if worst <= usable_residual(tolerance) => SolveStatus::SolvedInaccurate,
+            _ => SolveStatus::NumericalTrouble,
+        }
+    }
+
+    /// Whether the gap is small beside the objective, and the point nearly feasible in its own units: where everything is small in the
+    /// given ones, small residuals say little.
+    fn is_relatively_good(&self, tolerance: f64, solution: &Solution<NX, NU>) -> bool {
+        let inner = &self.solution.residuals;
+        let violation = inner.dynamics.relative().max(inner.constraints.relative());
+        violation <= usable_residual(tolerance)
+            && solution.residuals.complementarity.absolute <= tolerance * solution.objective.abs()
     }
 }
