@@ -204,7 +204,8 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for ClarabelSolver<NX, 
                 solution.evaluate(problem);
                 error(problem, solution)
             })?;
-            natural.leave(problem, self.settings.tolerance, solution);
+            self.judging += natural.leave(problem, self.settings.tolerance, solution);
+            self.mend_as_given(&clock, problem, solution)?;
         } else {
             self.solve_in(&clock, problem, solution, |found| error(problem, found))?;
         }

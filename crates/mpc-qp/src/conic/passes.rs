@@ -24,31 +24,69 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         mut error: impl FnMut(&Solution<NX, NU>) -> f64,
     ) -> Result<(), SolveError> {
         self.refill(problem)?;
+        let usual = self.settings;
+        self.set(&usual, usual.tolerance)?;
         self.run(problem, solution);
         let found = error(solution);
-        let in_time = self
-            .settings
-            .time_limit
-            .is_none_or(|limit| clock.elapsed() * 2 < limit);
-        let rest = SolverSettings {
-            max_iterations: self
-                .settings
-                .max_iterations
-                .saturating_sub(solution.iterations),
-            time_limit: self
-                .settings
-                .time_limit
-                .map(|limit| limit.saturating_sub(clock.elapsed())),
-            ..self.settings
-        };
-        let again = in_time && rest.max_iterations > 0;
-        if solution.status.has_solution() && found > LOOSE * self.settings.tolerance && again {
-            self.run_again(problem, found, &rest, solution, error)?;
-        } else if again && self.unproved(solution.status) {
-            self.run_without_cost(problem, &rest, solution)?;
+        if let Some(rest) = self.rest(clock, solution) {
+            if solution.status.has_solution() && found > LOOSE * usual.tolerance {
+                self.run_again(problem, found, &rest, solution, error)?;
+            } else if self.unproved(solution.status) {
+                self.run_without_cost(problem, &rest, solution)?;
+            }
         }
         solution.status = self.graded(solution);
         Ok(())
+    }
+
+    /// Solves a problem as given, with an equilibration of its own, where own units ended neither solved nor refuted; the better answer is
+    /// kept.
+    pub(super) fn mend_as_given(
+        &mut self,
+        clock: &Instant,
+        problem: &OcpQp<NX, NU>,
+        solution: &mut Solution<NX, NU>,
+    ) -> Result<(), SolveError> {
+        let settled = matches!(
+            solution.status,
+            SolveStatus::Solved | SolveStatus::PrimalInfeasible { .. }
+        );
+        let Some(rest) = self.rest(clock, solution).filter(|_| !settled) else {
+            return Ok(());
+        };
+        let mut solver = Self::build(problem, self.layout.clone(), rest, 1)?;
+        let mut other = solution.clone();
+        solver.solve_in(&Instant::now(), problem, &mut other, |found| {
+            error(problem, found)
+        })?;
+        self.judging += solver.judging;
+        let iterations = solution.iterations + other.iterations;
+        let nearer = other.residuals.worst() < solution.residuals.worst();
+        let answered = solution.status.has_solution();
+        match other.status {
+            SolveStatus::Solved => *solution = other,
+            SolveStatus::SolvedInaccurate if nearer || !answered => *solution = other,
+            SolveStatus::PrimalInfeasible { .. } if !answered => *solution = other,
+            // Two stops without an answer: what ended the second is what ended the solve.
+            SolveStatus::TimeLimit | SolveStatus::IterationLimit if !answered => {
+                solution.status = other.status;
+            }
+            _ => {}
+        }
+        solution.iterations = iterations;
+        Ok(())
+    }
+
+    /// What is left of the limits, if it is worth another pass.
+    fn rest(&self, clock: &Instant, solution: &Solution<NX, NU>) -> Option<SolverSettings> {
+        let (usual, elapsed) = (self.settings, clock.elapsed());
+        let in_time = usual.time_limit.is_none_or(|limit| elapsed * 2 < limit);
+        let max_iterations = usual.max_iterations.saturating_sub(solution.iterations);
+        (in_time && max_iterations > 0).then_some(SolverSettings {
+            max_iterations,
+            time_limit: usual.time_limit.map(|limit| limit.saturating_sub(elapsed)),
+            ..usual
+        })
     }
 
     /// Solves with the values in place. The status is Clarabel's own, certificates checked.
@@ -81,8 +119,6 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         let tighter = (self.settings.tolerance * self.settings.tolerance / found).max(1e-14);
         self.set(rest, tighter)?;
         self.run(problem, solution);
-        let usual = self.settings;
-        self.set(&usual, usual.tolerance)?;
         let iterations = first.iterations + solution.iterations;
         let stopped_short = !solution.status.has_solution();
         let status = first.status;
@@ -119,8 +155,6 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         self.write(problem, 0.0)?;
         self.set(rest, rest.tolerance)?;
         self.run(problem, solution);
-        let usual = self.settings;
-        self.set(&usual, usual.tolerance)?;
         let iterations = first.iterations + solution.iterations;
         if proof_residual(solution.status) >= proof_residual(first.status) {
             *solution = first;
@@ -153,10 +187,7 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
             SolveStatus::Solved if worst > accurate_residual(tolerance) => {
                 SolveStatus::SolvedInaccurate
             }
-            SolveStatus::PrimalInfeasible { certificate, .. }
-                if certificate.residual > LEAST_PROOF
-                    || certificate.sign_violation > PROOF_SIGNS =>
-            {
+            SolveStatus::PrimalInfeasible { certificate, .. } if !certificate.is_proof() => {
                 SolveStatus::NumericalTrouble
             }
             SolveStatus::SolvedInaccurate if worst <= self.settings.tolerance => {
@@ -218,12 +249,6 @@ fn proof_residual(status: SolveStatus) -> f64 {
 
 /// Multiple of the tolerance at which the relative duality gap calls for a second pass.
 const LOOSE: f64 = 10.0;
-
-/// Residual of a ray above which it proves nothing: trajectories of a 1-norm of 1e4 might be feasible.
-const LEAST_PROOF: f64 = 1e-4;
-
-/// Wrong signs above which a ray proves nothing.
-const PROOF_SIGNS: f64 = 1e-7;
 
 /// Multiple of the tolerance that the residual of a ray may reach without a second look.
 const ACCURATE: f64 = 100.0;
