@@ -8,7 +8,7 @@ use mpc_qp::{
 use proptest::prelude::*;
 
 /// Half the squared distance of two trajectories in the norm of the cost's Hessian.
-fn energy<const NX: usize, const NU: usize>(
+pub(crate) fn energy<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     one: &Solution<NX, NU>,
     other: &Solution<NX, NU>,

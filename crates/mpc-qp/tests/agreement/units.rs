@@ -1,8 +1,9 @@
 //! The same problem in other units: status and answer stay, for both solvers.
 
-use crate::{answers, same_cost};
+use crate::random::energy;
+use crate::{answers, same_cost, solvers};
 use mpc_qp::problems::random::{self, Recipe, SetKind};
-use mpc_qp::{OcpQp, SolveStatus, Stage, Terminal, TerminalSet};
+use mpc_qp::{OcpQp, Solution, SolveStatus, SolverSettings, Stage, Start, Terminal, TerminalSet};
 use nalgebra::{Matrix1, Matrix2, SMatrix, SVector, Vector2, Vector4};
 
 /// What one is in the units of the copy: states and inputs are divided by theirs, the cost is multiplied.
@@ -71,35 +72,45 @@ fn copy<const NX: usize, const NU: usize>(
     copy
 }
 
-/// Both solvers end in the other units as they do in the given ones: the same status, the same cost, the same first input.
+/// The structured solver ends in the other units as it does in the given ones; Clarabel in the same status at the same cost, and as near to
+/// the structured solver's answer as such a cost allows.
 ///
-/// 1e-5 is what is asked of two good solvers, one to the other. Clarabel stops at a gap of 1e-8, which leaves sqrt(1e-8 / 1e-2) = 1e-3 to an
-/// input with the least curvature drawn.
+/// 1e-5 is what is asked of two good solvers, one to the other. Clarabel stops at a gap of 1e-8 *of the cost*, 1e-7 without a second pass: at
+/// a cost of 5e4 that leaves 1e-3 to an input with little curvature in any unit, the given one among them. What follows from the cost is
+/// the curvature along the difference: at a minimum z, `f(y) - f(z) >= 1/2 (y - z)'H(y - z)` for every feasible y.
 fn same_in<const NX: usize, const NU: usize>(
     name: &str,
     problem: &OcpQp<NX, NU>,
     units: &Units<NX, NU>,
 ) {
-    let there = answers(&copy(problem, units));
-    for ((solver, here), (_, there)) in answers(problem).into_iter().zip(there) {
+    let here = answers(problem);
+    let optimum = &here[0].1;
+    let size = optimum.objective.abs().max(1.0);
+    for ((solver, here), (_, mut there)) in here.iter().zip(answers(&copy(problem, units))) {
         let kinds = [here.status, there.status].map(|status| std::mem::discriminant(&status));
         assert_eq!(
             kinds[0], kinds[1],
             "{name}, {solver}: {:?} and {:?} {:?}",
             here.status, there.status, there.residuals
         );
-        if here.status.has_solution() {
-            let apart = (there.u[0].component_mul(&units.input) - here.u[0]).amax();
-            let allowed = if solver == "Clarabel" { 1e-3 } else { 1e-5 };
-            assert!(
-                apart <= allowed * here.u[0].amax().max(1.0),
-                "{name}, {solver}: {apart:e}"
-            );
-            let apart = (there.objective / units.cost - here.objective).abs();
-            assert!(
-                apart <= 1e-6 * here.objective.abs().max(1.0),
-                "{name}, {solver}: {apart:e} in cost"
-            );
+        if !here.status.has_solution() {
+            continue;
+        }
+        let apart = (there.objective / units.cost - here.objective).abs();
+        assert!(apart <= 1e-6 * size, "{name}, {solver}: {apart:e} in cost");
+        for x in &mut there.x {
+            x.component_mul_assign(&units.state);
+        }
+        for u in &mut there.u {
+            u.component_mul_assign(&units.input);
+        }
+        if *solver == "structured" {
+            let apart = (there.u[0] - here.u[0]).amax();
+            let size = here.u[0].amax().max(1.0);
+            assert!(apart <= 1e-5 * size, "{name}: {apart:e}");
+        } else {
+            let apart = energy(problem, optimum, &there);
+            assert!(apart <= 2e-7 * size, "{name}, {solver}: {apart:e} apart");
         }
     }
 }
@@ -193,12 +204,87 @@ fn end_that_is_far_away_is_no_contradiction() {
         let problem = OcpQp::new(Vector2::zeros(), vec![stage; 10], terminal).unwrap();
         for (solver, solution) in answers(&problem) {
             let status = solution.status;
-            // Clarabel's 1e-8 of 1e10 is too much for a final velocity of zero: it may end in trouble, but never with a proof.
-            let allowed = solver == "Clarabel" && status == SolveStatus::NumericalTrouble;
+            // Clarabel's 1e-8 of 1e10 is too much for a final velocity of zero: it may stop short, but never with a proof.
+            let short = [SolveStatus::NumericalTrouble, SolveStatus::SolvedInaccurate];
+            let allowed = solver == "Clarabel" && short.contains(&status);
             assert!(
                 status == SolveStatus::Solved || allowed,
                 "{solver}, {far:e}: {status:?}"
             );
+        }
+    }
+}
+
+/// A double integrator a metre away whose velocity is bounded, with inputs up to `widest`, one stage of them up to `relaxed`.
+fn integrator(widest: f64, relaxed: f64) -> OcpQp<2, 1> {
+    let mut stage = Stage::new(Matrix2::new(1.0, 0.1, 0.0, 1.0), Vector2::new(0.005, 0.1));
+    (stage.q, stage.r) = (Matrix2::identity(), Matrix1::new(0.1));
+    (stage.u_min[0], stage.u_max[0]) = (-widest, widest);
+    (stage.x_min[1], stage.x_max[1]) = (-0.5, 0.5);
+    let terminal = Terminal::new(stage.q);
+    let mut stages = vec![stage; 20];
+    (stages[7].u_min[0], stages[7].u_max[0]) = (-relaxed, relaxed);
+    OcpQp::new(Vector2::new(1.0, 0.0), stages, terminal).unwrap()
+}
+
+#[test]
+fn bounds_that_never_matter_do_not_change_the_answer() {
+    let cost = same_cost("inputs to 10", &integrator(10.0, 10.0));
+    for (widest, relaxed) in [(1e3, 1e3), (1e6, 1e6), (10.0, 1e6)] {
+        let name = format!("inputs to {widest:e} and {relaxed:e}");
+        let wide = same_cost(&name, &integrator(widest, relaxed));
+        assert!((wide - cost).abs() <= 1e-7 * cost, "{name}: {wide}");
+    }
+}
+
+#[test]
+fn open_loop_growth_is_no_unit() {
+    // x+ = 2 x + u: over 16 stages an impulse grows to 2^16, the optimum stays below one.
+    let mut stage = Stage::new(Matrix2::new(2.0, 0.0, 0.0, 0.0), Vector2::new(1.0, 0.0));
+    (stage.q, stage.r) = (Matrix2::identity(), Matrix1::new(1.0));
+    (stage.u_min[0], stage.u_max[0]) = (-1.0, 1.0);
+    (stage.x_min[0], stage.x_max[0]) = (-5.0, 5.0);
+    let terminal = Terminal::new(stage.q);
+    let problem = OcpQp::new(Vector2::new(0.9, 0.0), vec![stage; 20], terminal).unwrap();
+    same_cost("unstable", &problem);
+    for (solver, solution) in answers(&problem) {
+        // 0.9 is near the border of what one can hold: the full input it is.
+        assert!((solution.u[0][0] + 1.0).abs() <= 1e-6, "{solver}");
+    }
+}
+
+/// One solver, refilled across changes of unit and warm-started after them and within one, ends as a fresh one does.
+#[test]
+fn closed_loop_whose_unit_changes_equals_fresh_solvers() {
+    for (seed, mut problem) in problems().filter(|(seed, _)| seed % 4 != 3).take(9) {
+        let start = *problem.initial_state();
+        let solver = solvers(&problem, SolverSettings::default())
+            .into_iter()
+            .next();
+        let (_, mut solver) = solver.unwrap();
+        let mut kept = Solution::new(&problem);
+        for (step, unit) in [1.0, 1e3, 1e3, 1e-3, 1e-3, 1.0].into_iter().enumerate() {
+            let moved = start * (1.0 - 0.01 * step as f64);
+            problem.set_initial_state(&moved).unwrap();
+            let units = Units {
+                state: Vector4::repeat(unit),
+                input: Vector2::repeat(1.0),
+                cost: 1.0,
+            };
+            let there = copy(&problem, &units);
+            solver.solve(&there, Start::Warm, &mut kept).unwrap();
+            let fresh = &answers(&there)[0].1;
+            let kinds = [kept.status, fresh.status].map(|s| std::mem::discriminant(&s));
+            assert_eq!(
+                kinds[0], kinds[1],
+                "seed {seed}, step {step}: {:?}",
+                kept.status
+            );
+            if fresh.status.has_solution() {
+                let apart = (kept.u[0] - fresh.u[0]).amax();
+                let size = fresh.u[0].amax().max(1.0);
+                assert!(apart <= 1e-5 * size, "seed {seed}, step {step}: {apart:e}");
+            }
         }
     }
 }
