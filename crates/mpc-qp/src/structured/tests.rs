@@ -104,31 +104,6 @@ fn stop_is_an_answer_only_with_a_gap_that_is_small_beside_the_cost() {
     }
 }
 
-// A double integrator twice as far from the origin as it can go, in units in which that is 1e-8: each violation is below every tolerance.
-#[test]
-fn violations_that_are_small_in_the_given_units_alone_are_no_answer() {
-    let unit = 1e-8;
-    let mut stage = Stage::new(
-        Matrix2::new(1.0, 0.1, 0.0, 1.0),
-        Vector2::new(0.005, 0.1) * unit,
-    );
-    stage.r = Matrix1::new(1.0);
-    (stage.u_min[0], stage.u_max[0]) = (-1.0, 1.0);
-    let mut terminal = Terminal::new(Matrix2::zeros());
-    terminal.set = crate::terminal::TerminalSet::Equality {
-        target: Vector2::zeros(),
-    };
-    let start = Vector2::new(2.0, 0.0) * unit;
-    let problem = OcpQp::new(start, vec![stage; 20], terminal).unwrap();
-    let mut solver = StructuredSolver::new(&problem, SolverSettings::default()).unwrap();
-    let mut natural = Natural::new(&problem);
-    let mut solution = Solution::new(&problem);
-    assert!(natural.enter(&problem, Start::Cold, &solution, 1.0));
-    solution.status = SolveStatus::NumericalTrouble;
-    solver.mend_as_given(&problem, &mut natural, &mut solution);
-    assert!(!solution.status.has_solution(), "{:?}", solution.status);
-}
-
 // Two integrators in Euler's form with a price on positions alone: an input costs something two stages later.
 #[test]
 fn cost_has_its_unit_where_only_later_states_have_a_price() {
