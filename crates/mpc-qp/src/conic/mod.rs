@@ -216,7 +216,7 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for ClarabelSolver<NX, 
 }
 
 /// Factor between units that Clarabel's own equilibration takes care of.
-const EQUILIBRATED: f64 = 100.0;
+const EQUILIBRATED: f64 = 1e4;
 
 fn csc(pattern: &Pattern) -> CscMatrix<f64> {
     let (rows, columns) = pattern.shape();

@@ -237,7 +237,8 @@ fn of_cost<const NX: usize, const NU: usize>(
 }
 
 impl<const NX: usize, const NU: usize> Units<NX, NU> {
-    /// Chooses the units of `problem`; returns by which factor the farthest lies from one.
+    /// Chooses the units of `problem`; returns how far the units of the unknowns are apart, one among them, or a scale of a row or
+    /// of the cost from one.
     pub(super) fn choose(&mut self, problem: &OcpQp<NX, NU>) -> f64 {
         let (squares, curvature) = responses(problem);
         self.input = of_inputs(problem, &squares, &curvature);
@@ -265,13 +266,10 @@ impl<const NX: usize, const NU: usize> Units<NX, NU> {
                 );
             }
         }
-        let numbers = self
-            .state
-            .iter()
-            .chain(&self.input)
-            .chain(&self.rows)
-            .chain(&self.faces);
-        let far = |unit: &f64| unit.max(unit.recip());
-        numbers.chain([&self.cost]).map(far).fold(1.0, f64::max)
+        let unknowns = || self.state.iter().chain(&self.input).copied();
+        let apart = unknowns().fold(1.0, f64::max) / unknowns().fold(1.0, f64::min);
+        let scales = self.rows.iter().chain(&self.faces).chain([&self.cost]);
+        let far = |scale: &f64| scale.max(scale.recip());
+        scales.map(far).fold(apart, f64::max)
     }
 }
