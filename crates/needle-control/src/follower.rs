@@ -7,8 +7,8 @@ use crate::survival::{Guard, Sample, Survival, estimated_needle};
 use crate::tracking::{Tracker, Tracking};
 use needle_model::{Input, Needle, Pose, ReferencePath};
 
-/// Relative difference of curvature that is worth another reference: along 100 mm half of it costs some hundredths of a millimetre.
-const NOTICEABLE: f64 = 0.01;
+/// Relative difference of curvature that is worth another reference: less moves the needle by micrometres along 100 mm.
+const NOTICEABLE: f64 = 1e-3;
 
 /// What every predictive controller is told of its task beside needle and path.
 #[derive(Debug, Clone, Copy)]

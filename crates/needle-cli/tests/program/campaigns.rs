@@ -78,13 +78,14 @@ fn truth(folder: &Path) -> Vec<Vec<u8>> {
 /// Names of finished chunks with their time of writing.
 fn parts(folder: &Path) -> BTreeMap<String, SystemTime> {
     let entries = fs::read_dir(folder.join("parts")).into_iter().flatten();
-    let named = entries.map(|entry| {
-        let entry = entry.unwrap();
-        let name = entry.file_name().into_string().unwrap();
-        (name, entry.metadata().unwrap().modified().unwrap())
-    });
-    named
-        .filter(|(name, _)| name.starts_with("part-"))
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    // Others are being written, and may have got their name or gone by the next look.
+    let finished = names.filter(|name| name.starts_with("part-"));
+    finished
+        .map(|name| {
+            let metadata = fs::metadata(folder.join("parts").join(&name)).unwrap();
+            (name, metadata.modified().unwrap())
+        })
         .collect()
 }
 

@@ -4,7 +4,7 @@
 //! is. Of a straight needle only depth (xi_3) and roll (xi_6) answer to the inputs; there the model is x+ = x + dt u exactly,
 //! the paper's problem. Both share this file; they differ in the coordinates of the error and the terminal choices.
 //!
-//! Under an estimated curvature that is more than 1 % off the model's the time-varying controller is linearised about a nominal needle of that
+//! Under an estimated curvature that is more than 0.1 % off the model's the time-varying controller is linearised about a nominal needle of that
 //! curvature, which the nonlinear controller steers along the path (`nominal`).
 
 mod configuration;
@@ -190,7 +190,7 @@ impl<const NX: usize> LinearController<NX> {
     }
 
     /// What is claimed of the terminal ingredients, check by check; `None` without a terminal set. The claims are about the
-    /// model's curvature: from the first estimate that differs by more than 1 % the set is left out.
+    /// model's curvature: from the first estimate that differs by more than 0.1 % the set is left out.
     #[must_use]
     pub fn certificate(&self) -> Option<&Certificate> {
         self.ingredients.certificate.as_ref()
