@@ -45,6 +45,11 @@ impl SolveStatus {
     pub fn has_solution(&self) -> bool {
         matches!(self, Self::Solved | Self::SolvedInaccurate)
     }
+
+    /// An answer as good as was asked for, or a proof that there is none.
+    pub(crate) fn is_settled(&self) -> bool {
+        matches!(self, Self::Solved | Self::PrimalInfeasible { .. })
+    }
 }
 
 /// Trajectory, multipliers and account of a solve.

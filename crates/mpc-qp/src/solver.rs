@@ -2,7 +2,7 @@
 
 use crate::error::SolveError;
 use crate::problem::OcpQp;
-use crate::solution::Solution;
+use crate::solution::{Solution, SolveStatus};
 use std::time::Duration;
 
 /// Where a solve starts.
@@ -72,6 +72,17 @@ pub(crate) fn accurate_residual(tolerance: f64) -> f64 {
 /// Worst relative residual with which an answer is of use at all, whatever stopped the solver.
 pub(crate) fn usable_residual(tolerance: f64) -> f64 {
     (1000.0 * tolerance).clamp(1e-5, 1e-3).max(tolerance)
+}
+
+/// What an answer is worth with these residuals.
+pub(crate) fn downgraded(status: SolveStatus, residual: f64, tolerance: f64) -> SolveStatus {
+    if residual <= accurate_residual(tolerance) {
+        status
+    } else if residual <= usable_residual(tolerance) {
+        SolveStatus::SolvedInaccurate
+    } else {
+        SolveStatus::NumericalTrouble
+    }
 }
 
 /// A solver for problems of one structure.

@@ -87,7 +87,7 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         settings.validate()?;
         let mut natural = Box::new(Natural::new(problem));
         // Clarabel keeps the equilibration of its first problem: it had better be of those that it will get.
-        let entered = natural.enter(problem, Start::Cold, &Solution::new(problem), EQUILIBRATED);
+        let entered = natural.enter(problem, None, EQUILIBRATED);
         let first = if entered { &natural.problem } else { problem };
         let mut solver = Self::build(first, Layout::new(first), settings, 1)?;
         solver.natural = Some(natural);
@@ -192,7 +192,7 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for ClarabelSolver<NX, 
         self.judging = Duration::ZERO;
         let natural = self.natural.take().filter(|natural| natural.fits(problem));
         let mut natural = natural.unwrap_or_else(|| Box::new(Natural::new(problem)));
-        if natural.enter(problem, Start::Cold, solution, EQUILIBRATED) {
+        if natural.enter(problem, None, EQUILIBRATED) {
             let Natural {
                 problem: inner,
                 solution: found,

@@ -8,7 +8,7 @@ use crate::error::SolveError;
 use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
-use crate::solver::{SolverSettings, accurate_residual, usable_residual};
+use crate::solver::{SolverSettings, downgraded, usable_residual};
 use crate::terminal::TerminalSet;
 use clarabel::solver::IPSolver;
 use std::time::Instant;
@@ -47,11 +47,10 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         problem: &OcpQp<NX, NU>,
         solution: &mut Solution<NX, NU>,
     ) -> Result<(), SolveError> {
-        let settled = matches!(
-            solution.status,
-            SolveStatus::Solved | SolveStatus::PrimalInfeasible { .. }
-        );
-        let Some(rest) = self.rest(clock, solution).filter(|_| !settled) else {
+        if solution.status.is_settled() {
+            return Ok(());
+        }
+        let Some(rest) = self.rest(clock, solution) else {
             return Ok(());
         };
         let mut solver = Self::build(problem, self.layout.clone(), rest, 1)?;
@@ -181,18 +180,11 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         let tolerance = self.settings.tolerance;
         match solution.status {
             // Clarabel measures stationarity relative to |x|: an unbounded problem can drive x up until it says `Solved`.
-            SolveStatus::Solved if worst > usable_residual(tolerance) => {
-                SolveStatus::NumericalTrouble
-            }
-            SolveStatus::Solved if worst > accurate_residual(tolerance) => {
-                SolveStatus::SolvedInaccurate
-            }
+            SolveStatus::Solved => downgraded(solution.status, worst, tolerance),
             SolveStatus::PrimalInfeasible { certificate, .. } if !certificate.is_proof() => {
                 SolveStatus::NumericalTrouble
             }
-            SolveStatus::SolvedInaccurate if worst <= self.settings.tolerance => {
-                SolveStatus::Solved
-            }
+            SolveStatus::SolvedInaccurate if worst <= tolerance => SolveStatus::Solved,
             status => status,
         }
     }

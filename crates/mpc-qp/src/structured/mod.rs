@@ -37,14 +37,14 @@ use crate::error::SolveError;
 use crate::problem::OcpQp;
 use crate::residuals::Residuals;
 use crate::solution::{Solution, SolveStatus};
-use crate::solver::{OcpSolver, SolverSettings, Start};
+use crate::solver::{OcpSolver, SolverSettings, Start, downgraded};
 use crate::units::Natural;
 use interior::proves;
 use kernel::{Lanes, Phase, run};
 use newton::Newton;
 use solves::Costates;
 use std::time::{Duration, Instant};
-use verdict::{all_finite, confirmed, downgraded, settled};
+use verdict::{all_finite, confirmed};
 
 /// Structured interior-point solver.
 #[derive(Clone, Debug)]
@@ -129,7 +129,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let ended = solution.status;
         let worse = solution.residuals.worst() >= self.first.residuals.worst();
         let lost = self.first.status.has_solution() && !ended.has_solution();
-        if !settled(ended) && (worse || lost) {
+        if !ended.is_settled() && (worse || lost) {
             std::mem::swap(solution, &mut self.first);
             // Two stops without an answer: what ended the second is what ended the solve.
             if !solution.status.has_solution() {
@@ -171,6 +171,29 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         }
     }
 
+    /// Solves the problem in its own units and judges the answer in the given ones; false, and nothing solved, where those do as well.
+    fn solve_in_own_units(
+        &mut self,
+        problem: &OcpQp<NX, NU>,
+        start: Start,
+        solution: &mut Solution<NX, NU>,
+    ) -> bool {
+        let Some(mut natural) = self.natural.take() else {
+            return false;
+        };
+        let guess = (start == Start::Warm).then_some(&*solution);
+        let entered = natural.enter(problem, guess, 1.0);
+        if entered {
+            run(Load(&mut self.newton, &natural.problem));
+            self.unit = natural.largest_unit().max(1.0);
+            self.solve_loaded(&natural.problem, start, &mut natural.solution);
+            self.judging += natural.leave(problem, self.settings.tolerance, solution);
+            self.mend_as_given(problem, &mut natural, solution);
+        }
+        self.natural = Some(natural);
+        entered
+    }
+
     /// Solves the problem in its given units if the answer in others is not good enough for them; the better of the two in the worse of
     /// the units stays. A point that is within tolerances in the given units alone is no answer, nor is such a ray a proof.
     fn mend_as_given(
@@ -179,7 +202,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         natural: &mut Natural<NX, NU>,
         solution: &mut Solution<NX, NU>,
     ) {
-        if settled(solution.status) || self.stopped() {
+        if solution.status.is_settled() || self.stopped() {
             return;
         }
         let worst = solution.residuals.worst();
@@ -208,9 +231,9 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             status => status,
         };
         let better = mended.residuals.worst().max(found) < worst;
-        if settled(mended.status) || (better && mended.status.has_solution()) {
+        if mended.status.is_settled() || (better && mended.status.has_solution()) {
             std::mem::swap(mended, solution);
-        } else if !solution.status.has_solution() && !ended.has_solution() && !settled(ended) {
+        } else if !solution.status.has_solution() && !ended.has_solution() && !ended.is_settled() {
             // Two stops without an answer: what ended the second is what ended the solve.
             solution.status = ended;
         }
@@ -277,23 +300,8 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
         self.newton.check_shape(problem)?;
         solution.check_shape(problem)?;
         run(Load(&mut self.newton, problem));
-        let natural = if self.newton.depends_on_units() {
-            self.natural.take()
-        } else {
-            None
-        };
-        if let Some(mut natural) = natural {
-            if natural.enter(problem, start, solution, 1.0) {
-                run(Load(&mut self.newton, &natural.problem));
-                self.unit = natural.largest_unit().max(1.0);
-                self.solve_loaded(&natural.problem, start, &mut natural.solution);
-                self.judging += natural.leave(problem, self.settings.tolerance, solution);
-                self.mend_as_given(problem, &mut natural, solution);
-            } else {
-                self.solve_loaded(problem, start, solution);
-            }
-            self.natural = Some(natural);
-        } else {
+        let foreign = self.newton.depends_on_units();
+        if !(foreign && self.solve_in_own_units(problem, start, solution)) {
             self.solve_loaded(problem, start, solution);
         }
         solution.time = self.started.elapsed().saturating_sub(self.judging);

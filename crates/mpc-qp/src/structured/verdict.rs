@@ -3,26 +3,7 @@
 use crate::multipliers::TerminalSetMultipliers;
 use crate::softening::ConstraintGroup;
 use crate::solution::{Solution, SolveStatus};
-use crate::solver::{accurate_residual, usable_residual};
-
-/// An answer or a proof.
-pub(super) fn settled(status: SolveStatus) -> bool {
-    matches!(
-        status,
-        SolveStatus::Solved | SolveStatus::PrimalInfeasible { .. }
-    )
-}
-
-/// What an answer is worth with these residuals.
-pub(super) fn downgraded(status: SolveStatus, residual: f64, tolerance: f64) -> SolveStatus {
-    if residual <= accurate_residual(tolerance) {
-        status
-    } else if residual <= usable_residual(tolerance) {
-        SolveStatus::SolvedInaccurate
-    } else {
-        SolveStatus::NumericalTrouble
-    }
-}
+use crate::solver::{downgraded, usable_residual};
 
 /// The status after a look at the recomputed residuals: they may confirm, downgrade or, after a stop, upgrade it. Residuals are absolute
 /// where the numbers are below one, so that a stop is an answer only where the gap is small beside the cost, `gap` times it.

@@ -11,7 +11,7 @@ mod conversion;
 use crate::certificate::examine_certificate;
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
-use crate::solver::{Start, accurate_residual, usable_residual};
+use crate::solver::{downgraded, usable_residual};
 use crate::terminal::TerminalSet;
 use nalgebra::SVector;
 use std::time::{Duration, Instant};
@@ -69,12 +69,11 @@ impl<const NX: usize, const NU: usize> Natural<NX, NU> {
             && kept.softening().same_kinds(problem.softening()).is_ok()
     }
 
-    /// Converts problem and guess; false, and nothing converted, if all units are within the factor `ordinary` of the given ones.
+    /// Converts problem and guess, if there is one; false, and nothing converted, if all units are within the factor `ordinary` of the given ones.
     pub(crate) fn enter(
         &mut self,
         problem: &OcpQp<NX, NU>,
-        start: Start,
-        guess: &Solution<NX, NU>,
+        guess: Option<&Solution<NX, NU>>,
         ordinary: f64,
     ) -> bool {
         if self.units.choose(problem) <= ordinary {
@@ -82,7 +81,7 @@ impl<const NX: usize, const NU: usize> Natural<NX, NU> {
         }
         self.back.undo(&self.units);
         self.units.convert_problem(problem, &mut self.problem);
-        if start == Start::Warm {
+        if let Some(guess) = guess {
             self.units.convert_solution(guess, &mut self.solution);
         }
         true
@@ -126,15 +125,13 @@ impl<const NX: usize, const NU: usize> Natural<NX, NU> {
                     SolveStatus::NumericalTrouble
                 }
             }
-            SolveStatus::Solved if worst <= accurate_residual(tolerance) => SolveStatus::Solved,
             SolveStatus::SolvedInaccurate | SolveStatus::NumericalTrouble
                 if worst <= tolerance && self.is_relatively_good(tolerance, solution) =>
             {
                 SolveStatus::Solved
             }
-            status if !status.has_solution() => status,
-            _ if worst <= usable_residual(tolerance) => SolveStatus::SolvedInaccurate,
-            _ => SolveStatus::NumericalTrouble,
+            status if status.has_solution() => downgraded(status, worst, tolerance),
+            status => status,
         }
     }
 
