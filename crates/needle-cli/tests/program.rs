@@ -161,13 +161,25 @@ fn a_check_tells_margin_controllability_and_certificate() {
     assert_eq!(output.status.code(), Some(0), "{words}");
     for part in [
         "50.00 mm in 10.00 s",
-        "margin",
+        "the needle's own all along",
         "controllable errors: 6 of 6",
         "helix_dare",
         "holds",
     ] {
         assert!(words.contains(part), "{part}: {words}");
     }
+    let turned = format!(
+        "{helix}[[reference.segments]]\nduration_s = 10.0\nv_mm_s = 5.0\nomega_rad_s = 1.0\n"
+    );
+    std::fs::write(folder.path().join("turned.toml"), turned).unwrap();
+    let words = needle(&["check", "turned.toml"], folder.path());
+    let words = text(&words.stdout);
+    assert!(words.contains("of 2000 checks"), "{words}");
+    assert!(words.lines().count() < 20, "{words}");
+    assert!(
+        words.contains("refused: helix_dare: the reference's input at step"),
+        "{words}"
+    );
     let output = needle(
         &[
             "check",

@@ -3,7 +3,7 @@
 
 use crate::experiment::{Experiment, RunError};
 use crate::scenario::{ControllerChoice, Scenario};
-use lqr::Certificate;
+use lqr::{Certificate, Check};
 use needle_control::{InputLimits, TerminalChoice};
 use needle_model::{ControllabilityReport, ControllabilityWarning, Needle, ReferencePath};
 use serde::Serialize;
@@ -16,6 +16,9 @@ const EXECUTABLE: f64 = 1e-6;
 
 /// Excess over a limit that is rounding.
 const LIMIT_ROUNDING: f64 = 1e-9;
+
+/// Rows of a certificate that a screen holds.
+const SCREEN: usize = 24;
 
 /// Samples of the path that are judged for controllability: a window longer than that is no controller's.
 const WINDOW: usize = 200;
@@ -82,10 +85,33 @@ pub struct CheckReport {
     pub limits: Vec<LimitExcess>,
     /// Terminal cost and set in force; `None` for a controller without.
     pub terminal: Option<String>,
+    /// The stronger terminal choices that the path refused, and why.
+    pub refused_terminals: Vec<String>,
     /// What is claimed of them.
     pub certificate: Option<Certificate>,
     /// What stands against running the scenario; empty when nothing does.
     pub objections: Vec<String>,
+}
+
+impl CheckReport {
+    /// The certificate in a screen's rows: of one with a row a step, the rows that fail and the least margin of each kind, which is the
+    /// first word of a row's name.
+    #[must_use]
+    pub fn certificate_on_a_screen(&self) -> Option<Certificate> {
+        let mut shown = self.certificate.clone()?;
+        if shown.checks.len() > SCREEN {
+            let kind = |check: &Check| check.name.split(' ').next().map(str::to_owned);
+            shown.checks.sort_by(|a, b| {
+                let by_kind = kind(a).cmp(&kind(b)).then(a.holds.cmp(&b.holds));
+                by_kind.then(a.margin.total_cmp(&b.margin))
+            });
+            let mut last = None;
+            shown
+                .checks
+                .retain(|check| last.replace(kind(check)) != Some(kind(check)) || !check.holds);
+        }
+        Some(shown)
+    }
 }
 
 /// Checks a scenario.
@@ -101,6 +127,8 @@ pub fn check(scenario: &Scenario) -> Result<CheckReport, RunError> {
     // A path that exists has finite steps; a defect that cannot be had counts as one.
     let defect = path.largest_defect(needle).ok().flatten();
     let largest_defect = defect.map_or(0.0, |(_, defect)| defect.norm());
+    let refused = experiment.refused_terminals().iter();
+    let refused = refused.map(|refused| format!("{}: {}", words(refused.choice), refused.reason));
     let mut report = CheckReport {
         controller: scenario.controller.name(),
         length_mm: path.arc_length_mm().last().copied().unwrap_or(0.0),
@@ -112,6 +140,7 @@ pub fn check(scenario: &Scenario) -> Result<CheckReport, RunError> {
         controllability: controllability(path, needle),
         limits: limit_excesses(path, &scenario.limits),
         terminal: experiment.terminal().map(words),
+        refused_terminals: refused.collect(),
         certificate: experiment.certificate().cloned(),
         objections: Vec::new(),
     };

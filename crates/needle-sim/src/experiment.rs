@@ -13,7 +13,7 @@ use crate::simulated_needle::{PlantError, SimulatedNeedle};
 use crate::steering::{ControllerError, Steering};
 use crate::summary::{Ending, Tally};
 use lqr::Certificate;
-use needle_control::{ControlStep, Measurement, Origin, StopReason, TerminalChoice};
+use needle_control::{ControlStep, Measurement, Origin, RefusedChoice, StopReason, TerminalChoice};
 use needle_model::{Input, InvalidCurvature, Needle, Pose, ReferencePath};
 use std::time::{Duration, Instant};
 
@@ -116,6 +116,12 @@ impl Experiment {
     #[must_use]
     pub fn terminal(&self) -> Option<TerminalChoice> {
         self.steering.terminal()
+    }
+
+    /// The stronger terminal choices that the path refused, and why.
+    #[must_use]
+    pub fn refused_terminals(&self) -> &[RefusedChoice] {
+        self.steering.refused_terminals()
     }
 
     /// Run `run_index`, every sample recorded.

@@ -6,8 +6,8 @@ use lqr::Certificate;
 use needle_control::{
     BaselineError, BaselineSettings, ConfigurationError, Controller, DutyCycledSteering,
     FeedForward, LawController, LinearConfiguration, LtvController, NmpcConfiguration,
-    NmpcController, SlidingMode, SteeringPid, StraightController, TerminalChoice, TerminalRegion,
-    TimeVaryingLqr,
+    NmpcController, RefusedChoice, SlidingMode, SteeringPid, StraightController, TerminalChoice,
+    TerminalRegion, TimeVaryingLqr,
 };
 use needle_model::{Needle, ReferencePath};
 
@@ -163,6 +163,15 @@ impl Steering {
             Self::Ltv(controller) => Some(controller.terminal()),
             Self::Straight(controller) => Some(controller.terminal()),
             _ => None,
+        }
+    }
+
+    /// The stronger terminal choices that the path refused.
+    pub(crate) fn refused_terminals(&self) -> &[RefusedChoice] {
+        match self {
+            Self::Nmpc(controller) => controller.refused_terminals(),
+            Self::Ltv(controller) => controller.refused_terminals(),
+            _ => &[],
         }
     }
 

@@ -40,14 +40,22 @@ fn words(report: &CheckReport) -> String {
         report.largest_defect,
     );
     let curvature = &report.curvature;
-    let _ = writeln!(
-        text,
-        "curvature: path at most {:.3e} per mm (at {:.1} mm), needle {:.3e}, margin {:.1} %",
-        curvature.path_per_mm,
-        curvature.at_mm,
-        curvature.needle_per_mm,
-        100.0 * curvature.margin,
-    );
+    let _ = match report.executable {
+        // Such a path bends as the needle does wherever it goes; what is left for corrections is in its spin.
+        true => writeln!(
+            text,
+            "curvature: the needle's own all along, {:.3e} per mm",
+            curvature.needle_per_mm,
+        ),
+        false => writeln!(
+            text,
+            "curvature: path at most {:.3e} per mm (at {:.1} mm), needle {:.3e}, margin {:.1} %",
+            curvature.path_per_mm,
+            curvature.at_mm,
+            curvature.needle_per_mm,
+            100.0 * curvature.margin,
+        ),
+    };
     if let Some(c) = &report.controllability {
         let _ = writeln!(text, "controllable errors: {} of 6", c.dimension);
         for direction in &c.uncontrollable {
@@ -74,8 +82,20 @@ fn words(report: &CheckReport) -> String {
             report.controller
         );
     }
-    if let Some(certificate) = &report.certificate {
-        let _ = write!(text, "{certificate}");
+    for refused in &report.refused_terminals {
+        let _ = writeln!(text, "  refused: {refused}");
+    }
+    if let (Some(certificate), Some(shown)) =
+        (&report.certificate, report.certificate_on_a_screen())
+    {
+        let (all, some) = (certificate.checks.len(), shown.checks.len());
+        if some < all {
+            let _ = writeln!(
+                text,
+                "of {all} checks those that fail and the tightest of each kind (all with --json):"
+            );
+        }
+        let _ = write!(text, "{shown}");
     }
     match report.objections.as_slice() {
         [] => text.push_str("nothing stands against running it\n"),

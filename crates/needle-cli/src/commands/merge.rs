@@ -82,8 +82,8 @@ fn of_cell(cell: &CellSummary) -> String {
     [
         format!("{} ({} runs{pareto})\n", cell.label(), cell.runs),
         format!(
-            "  {:<28} {:.2} % [{:.2}, {:.2}], {} of {}; {} refused\n",
-            "success, worst below 1 mm",
+            "  {:<34} {:.2} % [{:.2}, {:.2}], {} of {}; {} refused\n",
+            "success (worst and end below 1 mm)",
             100.0 * success.share,
             100.0 * success.low,
             100.0 * success.high,
@@ -99,7 +99,7 @@ fn of_cell(cell: &CellSummary) -> String {
         spread("median step, us", &cell.step_median_us, 1),
         spread("longest step, us", &cell.step_worst_us, 1),
         format!(
-            "  {:<28} {} of {} samples\n",
+            "  {:<34} {} of {} samples\n",
             "fallbacks",
             causes.join(", "),
             cell.steps

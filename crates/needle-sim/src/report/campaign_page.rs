@@ -64,7 +64,7 @@ fn facts(summary: &CampaignSummary) -> Vec<Fact> {
         fact("runs", summary.runs.to_string()),
         fact("cells", cells.len().to_string()),
         fact("samples", sum(|cell| cell.steps).to_string()),
-        fact("worst below 1 mm", percent(&successes)),
+        fact("worst and end below 1 mm", percent(&successes)),
         fact("samples on a fallback", sum(fallback_samples).to_string()),
         Fact {
             name: "runs refused",

@@ -30,7 +30,7 @@ pub(super) fn of_run(record: &RunRecord) -> Vec<Fact> {
             alarming: summary.status != "finished",
         },
         Fact {
-            name: "below 1 mm",
+            name: "worst and end below 1 mm",
             value: if summary.success { "yes" } else { "no" }.into(),
             alarming: !summary.success,
         },
