@@ -3,7 +3,7 @@
 use nalgebra::SVector;
 use needle_control::{
     Belief, Controller, FilterSettings, NeedleFilter, NmpcConfiguration, NmpcController,
-    Observation, Origin, Survival,
+    Observation, Origin, StopReason, Survival,
 };
 use needle_model::{
     Input, LaggedState, Needle, PhysicalNeedle, PhysicalState, Pose, ReferencePath,
@@ -53,9 +53,15 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         let step = controller.step(&filter.measurement(), now_s);
         held = step.input;
-        let stopped = matches!(step.origin, Origin::Stop { .. });
+        // Other stops are passing ones: of a gap without images, of a plan that came late.
+        let over = matches!(
+            step.origin,
+            Origin::Stop {
+                reason: StopReason::PathEnd | StopReason::OutOfTime
+            }
+        );
         robot.apply(held)?;
-        if stopped && held == Input::ZERO {
+        if over && held == Input::ZERO {
             break;
         }
     }

@@ -25,23 +25,25 @@ impl Measurement {
     }
 }
 
-/// Where an input comes from. Whatever it is, the input is inside the limits, rates included.
+/// Where an input comes from. Whatever it is, the input is inside the controller's limits, rates included.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Origin {
-    /// First input of an optimal plan.
+    /// First input of the plan that this sample's program improved, to its end as far as the configuration asks for that: a real-time
+    /// iteration, or convergence unless iterations or time ran out ([`SolverStatistics`]).
     Optimal,
     /// An explicit feedback law (PID, LQR, sliding mode, feed-forward), saturated to the limits.
     Law,
-    /// First input of an optimal plan that violates soft constraints.
+    /// The same, of a plan that violates soft constraints.
     Degraded {
         /// The group with the largest violation.
         softened: ConstraintGroup,
         /// That violation, in the group's own unit.
         violation: f64,
     },
-    /// The plan of an earlier step, shifted: this step gave no usable answer.
+    /// The plan of an earlier step, shifted: this step gave no usable answer. Of an explicit law, its answer to the last believed pose,
+    /// carried on by the model.
     ShiftedPlan {
-        /// Steps since that plan was made, from 1 on.
+        /// Steps since that plan was made, or that pose was seen, from 1 on.
         age: usize,
     },
     /// The needle is brought to rest within the rate limits.
@@ -65,7 +67,8 @@ impl Origin {
 /// Why a controller brings the needle to rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopReason {
-    /// The end of the path is reached. Said of every later sample too, wherever the tip seems to be.
+    /// The tip has come as deep as the end of the path, as far aside as it may be. Said of every later sample too, wherever the tip
+    /// seems to be.
     PathEnd,
     /// The path's time is over for good and the tip has not come to its end.
     OutOfTime,
@@ -108,6 +111,11 @@ pub trait Controller {
     /// comes back and [`ControlStep::origin`] says how it came about.
     fn step(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_>;
 
-    /// Forgets plans, integrators and progress, as if newly made.
+    /// Tells the input that the robot has held since the last step, where it is not the one that came back: a safety layer cut it, or the
+    /// needle moves already as the controller takes over. The next change counts from it. A component that is no number counts as rest,
+    /// one outside the limits as at the limit. A controller without limits of rate has nothing to learn from it.
+    fn applied(&mut self, input: Input);
+
+    /// Forgets plans, integrators and progress, as if newly made: of a needle at rest, unless [`Controller::applied`] tells otherwise.
     fn reset(&mut self);
 }

@@ -82,6 +82,12 @@ impl InputLimits {
         }
     }
 
+    /// The input inside the box nearest to `wanted`, whatever was held before. A component that is not a number counts as rest.
+    #[must_use]
+    pub fn nearest(&self, wanted: Input) -> Input {
+        self.admissible(wanted, wanted, f64::INFINITY)
+    }
+
     /// The admissible input nearest to `wanted`, after `previous` was held before and `dt_s` later. A component that is
     /// not a number counts as rest. A `previous` outside the box is brought back at the rate limit.
     #[must_use]

@@ -54,6 +54,10 @@ impl Controller for FeedForward {
         explicit(self.held, origin)
     }
 
+    fn applied(&mut self, input: Input) {
+        self.held = self.settings.limits.nearest(input);
+    }
+
     fn reset(&mut self) {
         self.clock = SampleClock::new(self.settings.dt_s, None);
         (self.replayed_s, self.held) = (0.0, Input::ZERO);

@@ -90,11 +90,19 @@ impl<L: SteeringLaw> Controller for LawController<L> {
                 wanted.v_mm_s = wanted
                     .v_mm_s
                     .min(self.tracker.speed_limit_mm_s(at.remaining_mm));
-                (wanted, Origin::Law)
+                let origin = match at.age {
+                    0 => Origin::Law,
+                    age => Origin::ShiftedPlan { age },
+                };
+                (wanted, origin)
             }
         };
         self.held = limited(&settings, wanted, self.held, elapsed_s);
         explicit(self.held, origin)
+    }
+
+    fn applied(&mut self, input: Input) {
+        self.held = self.tracker.settings.limits.nearest(input);
     }
 
     fn reset(&mut self) {

@@ -4,7 +4,7 @@
 use crate::baseline::settings::BaselineSettings;
 use crate::controller::{Measurement, StopReason};
 use crate::sample_clock::SampleClock;
-use crate::survival::estimated_needle;
+use crate::survival::{estimated_needle, normalised};
 use needle_model::{Input, Needle, Pose, ReferencePath};
 
 /// A distance to the end of the path that counts as none, mm: a fiftieth of what imaging resolves.
@@ -18,6 +18,8 @@ const SPARE_SAMPLES: usize = 5;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Located {
     pub(crate) pose: Pose,
+    /// Samples for which the model has carried it on.
+    pub(crate) age: usize,
     pub(crate) needle: Needle,
     pub(crate) step: usize,
     pub(crate) remaining_mm: f64,
@@ -89,8 +91,14 @@ impl PathTracker {
             self.finished = true;
             return Err(StopReason::PathEnd);
         }
+        // A gap shorter than half a sample is one, too; the cast saturates.
+        let age = match self.blind_s > 0.0 {
+            true => ((self.blind_s / self.settings.dt_s).round() as usize).max(1),
+            false => 0,
+        };
         Ok(Located {
             pose,
+            age,
             needle,
             step: self.step,
             remaining_mm,
@@ -110,7 +118,7 @@ impl PathTracker {
             .pose
             .filter(|_| elapsed_s <= self.settings.patience_s)
             .and_then(|pose| needle.step(&pose, held, elapsed_s).ok());
-        let credible = measured.filter(Pose::is_finite).filter(|pose| {
+        let credible = measured.and_then(normalised).filter(|pose| {
             expected.is_none_or(|expected| {
                 (pose.position_mm - expected.position_mm).norm() <= self.settings.jump_mm
             })

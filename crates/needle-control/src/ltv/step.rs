@@ -191,6 +191,10 @@ impl Controller for LtvController {
         self.decided(measurement, time_s)
     }
 
+    fn applied(&mut self, input: Input) {
+        self.follower.guard.hold(input);
+    }
+
     fn reset(&mut self) {
         self.forget();
     }
@@ -199,6 +203,10 @@ impl Controller for LtvController {
 impl Controller for StraightController {
     fn step(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_> {
         self.decided(measurement, time_s)
+    }
+
+    fn applied(&mut self, input: Input) {
+        self.follower.guard.hold(input);
     }
 
     fn reset(&mut self) {

@@ -304,6 +304,10 @@ impl Controller for NmpcController {
         }
     }
 
+    fn applied(&mut self, input: Input) {
+        self.follower.guard.hold(input);
+    }
+
     fn reset(&mut self) {
         self.follower.reset();
         self.shooting.forget();

@@ -109,7 +109,7 @@ impl Guard {
 
     /// Takes an input for the one applied last.
     pub(crate) fn hold(&mut self, input: Input) {
-        self.previous = input;
+        self.previous = self.limits.nearest(input);
     }
 
     /// Passes a measurement through the clock and the gate.
@@ -233,7 +233,7 @@ pub(crate) fn estimated_needle(model: &Needle, measurement: &Measurement) -> Opt
 }
 
 /// The pose with a unit quaternion; `None` where a coordinate is not finite or the rotation is none.
-fn normalised(pose: Pose) -> Option<Pose> {
+pub(crate) fn normalised(pose: Pose) -> Option<Pose> {
     let rotation = UnitQuaternion::try_new(pose.rotation.into_inner(), 1e-6)?;
     let pose = Pose { rotation, ..pose };
     pose.is_finite().then_some(pose)

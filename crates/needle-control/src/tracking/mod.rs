@@ -91,14 +91,14 @@ impl Tracker {
     /// needle was told to travel, at the path's speed: none while it stands.
     pub(crate) fn advance(&mut self, elapsed_s: f64, v_mm_s: f64, pose: Option<&Pose>) {
         match (self.tracking, pose) {
-            (Tracking::Progress, Some(pose)) => self.project(&pose.position_mm),
+            (Tracking::Progress, Some(pose)) => {
+                let travelled_s = self.travelled_s(elapsed_s, v_mm_s);
+                self.project(&pose.position_mm, travelled_s.unwrap_or(elapsed_s));
+            }
             (Tracking::Progress, None) => {
-                let speed_mm_s = self.speed_mm_s(self.step());
-                if speed_mm_s > 0.0 {
-                    let travelled_s = (v_mm_s / speed_mm_s * elapsed_s).max(0.0);
-                    let last_s = self.path.duration_s().max(self.time_s);
-                    self.time_s = (self.time_s + travelled_s).min(last_s);
-                }
+                let travelled_s = self.travelled_s(elapsed_s, v_mm_s).unwrap_or(0.0);
+                let last_s = self.path.duration_s().max(self.time_s);
+                self.time_s = (self.time_s + travelled_s).min(last_s);
             }
             (Tracking::Time, _) => self.time_s = (self.time_s + elapsed_s).min(f64::MAX),
         }
@@ -144,11 +144,23 @@ impl Tracker {
         input.map_or(0.0, |u| u.v_mm_s.abs())
     }
 
-    fn project(&mut self, position_mm: &Vector3<f64>) {
+    /// Time along the path that the needle has travelled; `None` where the path turns in place.
+    fn travelled_s(&self, elapsed_s: f64, v_mm_s: f64) -> Option<f64> {
+        let speed_mm_s = self.speed_mm_s(self.step());
+        (speed_mm_s > 0.0).then(|| (v_mm_s / speed_mm_s * elapsed_s).max(0.0))
+    }
+
+    /// Moves to the nearest point. A tip that seems to be farther ahead than the needle can have come by more than a sample is followed
+    /// at twice its pace: one glitch within the gate must not cost the rest of the path.
+    fn project(&mut self, position_mm: &Vector3<f64>, travelled_s: f64) {
         let path = &self.path;
-        let progress = self
+        let most_s = match self.progress {
+            Some(_) => self.time_s + travelled_s + self.dt_s,
+            None => f64::INFINITY,
+        };
+        let mut progress = self
             .progress
-            .get_or_insert_with(|| PathProgress::acquired(path, position_mm, LOOKAHEAD));
+            .unwrap_or_else(|| PathProgress::acquired(path, position_mm, LOOKAHEAD));
         let step = progress.advance(path, position_mm);
         // The nearest sample is within half a step of the nearest point: correct along the tangent.
         let nearest = &path.poses()[step];
@@ -164,7 +176,10 @@ impl Tracker {
             0.0
         };
         let found_s = (step as f64 * path.dt_s() + correction_s).min(path.duration_s());
-        self.time_s = self.time_s.max(found_s);
+        if found_s <= most_s {
+            self.progress = Some(progress);
+        }
+        self.time_s = self.time_s.max(found_s.min(most_s));
     }
 
     /// Why nothing more is to be done, once the tip has come to the end of the path or the path's time is over for good. The first

@@ -20,6 +20,7 @@ mod nonlinear_terminal;
 mod reconstruction;
 mod recovery;
 mod refusals;
+mod robot;
 mod scene;
 mod stability;
 mod survival;

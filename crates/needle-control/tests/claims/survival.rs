@@ -95,7 +95,7 @@ pub(crate) fn laws(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controlle
 }
 
 /// Every controller on a path.
-fn all(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controller>)> {
+pub(crate) fn all(path: &ReferencePath) -> Vec<(&'static str, Box<dyn Controller>)> {
     let replay = FeedForward::new(path.clone(), BaselineSettings::default()).unwrap();
     let mut all = predictive(path);
     all.extend(laws(path));

@@ -132,6 +132,8 @@ impl Controller for PublishedController {
         }
     }
 
+    fn applied(&mut self, _input: Input) {}
+
     fn reset(&mut self) {
         self.solver = HorizonSolver::new(self.tolerance);
         self.step = 0;
