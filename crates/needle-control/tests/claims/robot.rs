@@ -13,7 +13,7 @@ fn the_next_change_counts_from_the_input_that_the_robot_applied() {
     let path = helix(100);
     let applied = Input {
         v_mm_s: 2.0,
-        omega_rad_s: -3.0,
+        omega_rad_s: -6.0,
     };
     for (name, mut controller) in all(&path) {
         for step in 0..5 {
