@@ -80,8 +80,8 @@ impl<const NX: usize, const NU: usize> OcpQp<NX, NU> {
             stage.validate(Place::Stage(k))?;
         }
         let shape_factor = terminal.validate()?;
-        stages.iter_mut().for_each(Stage::drop_absent);
-        terminal.drop_absent();
+        stages.iter_mut().for_each(Stage::normalise);
+        terminal.normalise();
         let (previous_input, softening) = (SVector::zeros(), Softening::default());
         Ok(Self {
             initial_state,

@@ -11,7 +11,7 @@
 use crate::error::{Place, ProblemError};
 use crate::validation::{
     absent_bounds, absent_limit, bounds, finite, joint_positive_semidefinite, symmetric,
-    upper_limit,
+    symmetrise, upper_limit,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -35,7 +35,7 @@ pub struct Stage<const NX: usize, const NU: usize> {
     pub b: SMatrix<f64, NX, NU>,
     /// Affine term c of the dynamics.
     pub c: SVector<f64, NX>,
-    /// State weight Q, symmetric.
+    /// State weight Q, symmetric; a problem keeps the symmetric part of what differs by rounding.
     pub q: SMatrix<f64, NX, NX>,
     /// Input weight R, symmetric.
     pub r: SMatrix<f64, NU, NU>,
@@ -105,9 +105,9 @@ impl<const NX: usize, const NU: usize> Stage<NX, NU> {
         finite(place, "s", &self.s)?;
         finite(place, "q_linear", &self.q_linear)?;
         finite(place, "r_linear", &self.r_linear)?;
-        symmetric(place, "q", &self.q)?;
-        symmetric(place, "r", &self.r)?;
-        joint_positive_semidefinite(place, &self.q, &self.r, &self.s)?;
+        let q = symmetric(place, "q", &self.q)?;
+        let r = symmetric(place, "r", &self.r)?;
+        joint_positive_semidefinite(place, &q, &r, &self.s)?;
         bounds(place, ["u", "u_min", "u_max"], &self.u_min, &self.u_max)?;
         bounds(
             place,
@@ -124,8 +124,10 @@ impl<const NX: usize, const NU: usize> Stage<NX, NU> {
         Ok(())
     }
 
-    /// Makes the bounds infinite that are written as large numbers.
-    pub(crate) fn drop_absent(&mut self) {
+    /// Makes the bounds infinite that are written as large numbers, and weights symmetric to the last digit.
+    pub(crate) fn normalise(&mut self) {
+        symmetrise(&mut self.q);
+        symmetrise(&mut self.r);
         absent_bounds(&mut self.u_min, &mut self.u_max);
         absent_bounds(&mut self.du_min, &mut self.du_max);
         absent_bounds(&mut self.x_min, &mut self.x_max);
@@ -138,6 +140,6 @@ impl<const NX: usize, const NU: usize> Stage<NX, NU> {
         let mut rows = std::mem::take(&mut self.rows);
         rows.copy_from_slice(&source.rows);
         *self = Self { rows, ..*source };
-        self.drop_absent();
+        self.normalise();
     }
 }

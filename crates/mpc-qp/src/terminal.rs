@@ -2,7 +2,7 @@
 
 use crate::error::{Place, ProblemError};
 use crate::validation::{
-    absent_bounds, absent_limit, bounds, factor, finite, symmetric, upper_limit,
+    absent_bounds, absent_limit, bounds, factor, finite, symmetric, symmetrise, upper_limit,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -90,8 +90,7 @@ impl<const NX: usize> Terminal<NX> {
     /// Checks everything; the result is the ellipsoid's factor L with `shape = L L'`, zero for the other sets.
     pub(crate) fn validate(&self) -> Result<SMatrix<f64, NX, NX>, ProblemError> {
         let place = Place::Terminal;
-        symmetric(place, "p", &self.p)?;
-        factor(place, "p", &self.p)?;
+        factor(place, "p", &symmetric(place, "p", &self.p)?)?;
         finite(place, "p_linear", &self.p_linear)?;
         bounds(place, ["x", "x_min", "x_max"], &self.x_min, &self.x_max)?;
         match &self.set {
@@ -108,12 +107,12 @@ impl<const NX: usize> Terminal<NX> {
                 center,
                 level,
             } => {
-                symmetric(place, "shape", shape)?;
+                let shape = symmetric(place, "shape", shape)?;
                 finite(place, "center", center)?;
                 if !(*level > 0.0 && level.is_finite()) {
                     return Err(ProblemError::EllipsoidLevel { found: *level });
                 }
-                return factor(place, "shape", shape);
+                return factor(place, "shape", &shape);
             }
         }
         Ok(SMatrix::zeros())
@@ -140,11 +139,16 @@ impl<const NX: usize> Terminal<NX> {
         Ok(())
     }
 
-    /// Makes the bounds infinite that are written as large numbers.
-    pub(crate) fn drop_absent(&mut self) {
+    /// Makes the bounds infinite that are written as large numbers, and matrices symmetric to the last digit.
+    pub(crate) fn normalise(&mut self) {
+        symmetrise(&mut self.p);
         absent_bounds(&mut self.x_min, &mut self.x_max);
-        if let TerminalSet::Polytope { faces } = &mut self.set {
-            (faces.iter_mut()).for_each(|face| absent_limit(&mut face.upper));
+        match &mut self.set {
+            TerminalSet::Polytope { faces } => {
+                (faces.iter_mut()).for_each(|face| absent_limit(&mut face.upper));
+            }
+            TerminalSet::Ellipsoid { shape, .. } => symmetrise(shape),
+            TerminalSet::None | TerminalSet::Equality { .. } => {}
         }
     }
 
@@ -160,6 +164,6 @@ impl<const NX: usize> Terminal<NX> {
             }
             (set, new) => set.clone_from(new),
         }
-        self.drop_absent();
+        self.normalise();
     }
 }

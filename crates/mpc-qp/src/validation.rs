@@ -3,7 +3,8 @@
 //! Semidefiniteness is decided by a Cholesky factorisation after each diagonal entry has been raised by
 //! [`DIAGONAL_SLACK`] of itself: invariant under diagonal scaling, so weights from 1e-6 to 1e6 in one matrix are
 //! judged alike, and singular matrices computed in floating point pass. Where that refuses, rounding of the largest entry is
-//! granted to every diagonal entry: a projector tilted off an axis has small diagonal entries that are mostly cancellation.
+//! granted to every diagonal entry: a projector tilted off an axis has small diagonal entries that are mostly cancellation. Halves
+//! may differ by rounding of the largest entry, which is much beside small ones: judged and kept is the symmetric part.
 
 use crate::error::{Place, ProblemError};
 use nalgebra::{SMatrix, SVector};
@@ -120,12 +121,12 @@ pub(crate) fn bounds<const N: usize>(
     Ok(())
 }
 
-/// Checks finiteness and symmetry.
+/// Checks finiteness and symmetry; the symmetric part.
 pub(crate) fn symmetric<const N: usize>(
     place: Place,
     field: &'static str,
     matrix: &SMatrix<f64, N, N>,
-) -> Result<(), ProblemError> {
+) -> Result<SMatrix<f64, N, N>, ProblemError> {
     finite(place, field, matrix)?;
     let tolerance = SYMMETRY_TOLERANCE * matrix.amax();
     for column in 0..N {
@@ -143,7 +144,20 @@ pub(crate) fn symmetric<const N: usize>(
             }
         }
     }
-    Ok(())
+    let mut part = *matrix;
+    symmetrise(&mut part);
+    Ok(part)
+}
+
+/// Puts the mean of mirrored entries in both places.
+pub(crate) fn symmetrise<const N: usize>(matrix: &mut SMatrix<f64, N, N>) {
+    for column in 0..N {
+        for row in 0..column {
+            let (upper, lower) = (matrix[(row, column)], matrix[(column, row)]);
+            let mean = upper + 0.5 * (lower - upper);
+            (matrix[(row, column)], matrix[(column, row)]) = (mean, mean);
+        }
+    }
 }
 
 /// Lower triangular L with `L L' = matrix + rise * diag(reference)`, or the row where none exists.

@@ -6,7 +6,7 @@ use mpc_qp::{
     ConstraintGroup, HalfSpace, OcpQp, Penalty, Place, ProblemError, Row, Softening, Stage,
     Terminal, TerminalSet,
 };
-use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
+use nalgebra::{Matrix1, Matrix2, Matrix3, Vector1, Vector2, Vector3};
 
 fn stage() -> Stage<2, 1> {
     let mut stage = Stage::new(Matrix2::identity(), Vector2::new(0.0, 1.0));
@@ -147,6 +147,36 @@ fn asymmetric_weights_are_refused() {
             found: 1e-3
         }
     );
+}
+
+// Rounding of the largest entry, 1e-9 of it, is much beside the smallest: `x'Qx` and the gradient must not disagree about it.
+#[test]
+fn symmetric_part_of_a_weight_is_what_counts() {
+    let mut stage = Stage::new(Matrix3::identity(), Vector3::zeros());
+    stage.q = Matrix3::from_diagonal(&Vector3::new(1e6, 1e-6, 1e-6));
+    let mut problem = OcpQp::new(
+        Vector3::zeros(),
+        vec![stage.clone()],
+        Terminal::new(stage.q),
+    )
+    .unwrap();
+    // Half of it in each place: (0, 1, -1) would cost less than zero.
+    stage.q[(1, 2)] = 9e-4;
+    let refused = [
+        problem.set_stage(0, &stage),
+        problem.set_terminal(&Terminal::new(stage.q)),
+    ];
+    for error in refused {
+        let error = error.unwrap_err();
+        let indefinite = matches!(error, ProblemError::NotPositiveSemidefinite { .. });
+        assert!(indefinite, "{error:?}");
+    }
+    stage.q[(1, 2)] = 1.9e-6;
+    problem.set_stage(0, &stage).unwrap();
+    problem.set_terminal(&Terminal::new(stage.q)).unwrap();
+    for kept in [problem.stages()[0].q, problem.terminal().p] {
+        assert_eq!((kept[(1, 2)], kept[(2, 1)]), (0.95e-6, 0.95e-6));
+    }
 }
 
 #[test]
