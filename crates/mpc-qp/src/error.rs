@@ -43,9 +43,9 @@ pub enum ProblemError {
         place: Place,
         /// Field name.
         field: &'static str,
-        /// Row of the entry.
+        /// Row of the entry; of `rows` and `faces` which one of them.
         row: usize,
-        /// Column of the entry (0 in vectors).
+        /// Column of the entry (0 in vectors and limits).
         column: usize,
         /// What is accepted there.
         expected: &'static str,

@@ -10,8 +10,8 @@
 
 use crate::error::{Place, ProblemError};
 use crate::validation::{
-    absent_bounds, absent_limit, bounds, finite, joint_positive_semidefinite, symmetric,
-    symmetrise, upper_limit,
+    absent_bounds, absent_limit, bounds, finite, finite_row, joint_positive_semidefinite,
+    symmetric, symmetrise, upper_limit,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -53,9 +53,10 @@ pub struct Stage<const NX: usize, const NU: usize> {
     pub du_min: SVector<f64, NU>,
     /// Upper bound of `u_k - u_{k-1}`.
     pub du_max: SVector<f64, NU>,
-    /// Lower bound of `x_k`; not imposed at stage 0, where `x_0` is given.
+    /// Lower bound of `x_k`; see [`Self::x_max`].
     pub x_min: SVector<f64, NX>,
-    /// Upper bound of `x_k`; not imposed at stage 0, where `x_0` is given.
+    /// Upper bound of `x_k`; not imposed at stage 0, where `x_0` is given. Those of `x_N` are
+    /// [`Terminal`](crate::Terminal)'s, open unless set there.
     pub x_max: SVector<f64, NX>,
     /// General rows; at stage 0 the given `x_0` enters them as a number.
     pub rows: Vec<Row<NX, NU>>,
@@ -117,8 +118,8 @@ impl<const NX: usize, const NU: usize> Stage<NX, NU> {
         )?;
         bounds(place, ["x", "x_min", "x_max"], &self.x_min, &self.x_max)?;
         for (index, row) in self.rows.iter().enumerate() {
-            finite(place, "rows.g_x", &row.g_x)?;
-            finite(place, "rows.h_u", &row.h_u)?;
+            finite_row(place, "rows.g_x", index, &row.g_x)?;
+            finite_row(place, "rows.h_u", index, &row.h_u)?;
             upper_limit(place, "rows.upper", index, row.upper)?;
         }
         Ok(())

@@ -2,7 +2,8 @@
 
 use crate::error::{Place, ProblemError};
 use crate::validation::{
-    absent_bounds, absent_limit, bounds, factor, finite, symmetric, symmetrise, upper_limit,
+    absent_bounds, absent_limit, bounds, factor, finite, finite_row, symmetric, symmetrise,
+    upper_limit,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -69,7 +70,7 @@ pub struct Terminal<const NX: usize> {
 }
 
 impl<const NX: usize> Terminal<NX> {
-    /// Terminal weight `p`, no linear term, no constraint.
+    /// Terminal weight `p`, no linear term, no constraint: `x_N` is free even where the stages bound their states.
     #[must_use]
     pub fn new(p: SMatrix<f64, NX, NX>) -> Self {
         Self {
@@ -98,7 +99,7 @@ impl<const NX: usize> Terminal<NX> {
             TerminalSet::Equality { target } => finite(place, "target", target)?,
             TerminalSet::Polytope { faces } => {
                 for (index, face) in faces.iter().enumerate() {
-                    finite(place, "faces.normal", &face.normal)?;
+                    finite_row(place, "faces.normal", index, &face.normal)?;
                     upper_limit(place, "faces.upper", index, face.upper)?;
                 }
             }

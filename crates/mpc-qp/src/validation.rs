@@ -32,18 +32,45 @@ pub(crate) fn finite<const M: usize, const N: usize>(
         for row in 0..M {
             let found = matrix[(row, column)];
             if !found.is_finite() {
-                return Err(ProblemError::NotFinite {
-                    place,
-                    field,
-                    row,
-                    column,
-                    expected: "a finite number",
-                    found,
-                });
+                return Err(not_finite(place, field, (row, column), found));
             }
         }
     }
     Ok(())
+}
+
+/// Checks the coefficients of row `row` of a matrix that is kept row by row.
+pub(crate) fn finite_row<const N: usize>(
+    place: Place,
+    field: &'static str,
+    row: usize,
+    coefficients: &SVector<f64, N>,
+) -> Result<(), ProblemError> {
+    match coefficients.iter().position(|value| !value.is_finite()) {
+        Some(column) => Err(not_finite(
+            place,
+            field,
+            (row, column),
+            coefficients[column],
+        )),
+        None => Ok(()),
+    }
+}
+
+fn not_finite(
+    place: Place,
+    field: &'static str,
+    (row, column): (usize, usize),
+    found: f64,
+) -> ProblemError {
+    ProblemError::NotFinite {
+        place,
+        field,
+        row,
+        column,
+        expected: "a finite number",
+        found,
+    }
 }
 
 pub(crate) fn upper_limit(

@@ -333,6 +333,51 @@ fn ellipsoid_levels_weights_and_empty_horizons_are_checked() {
 }
 
 #[test]
+fn coefficient_is_named_by_its_row_and_its_column() {
+    let mut row = stage().rows[0];
+    row.g_x[1] = f64::NAN;
+    let of_state = refused_second_row(row);
+    let mut row = stage().rows[0];
+    row.h_u[0] = f64::NAN;
+    let of_input = refused_second_row(row);
+    let face = HalfSpace {
+        normal: Vector2::new(1.0, f64::NAN),
+        upper: 1.0,
+    };
+    let mut terminal = Terminal::new(Matrix2::identity());
+    terminal.set = TerminalSet::Polytope {
+        faces: vec![
+            HalfSpace {
+                normal: Vector2::zeros(),
+                ..face
+            },
+            face,
+        ],
+    };
+    let of_face = OcpQp::<2, 1>::new(Vector2::zeros(), vec![stage()], terminal).unwrap_err();
+    for (error, name, at) in [
+        (of_state, "rows.g_x", (1, 1)),
+        (of_input, "rows.h_u", (1, 0)),
+        (of_face, "faces.normal", (1, 1)),
+    ] {
+        let ProblemError::NotFinite {
+            field, row, column, ..
+        } = error
+        else {
+            panic!("{error:?}")
+        };
+        assert_eq!((field, (row, column)), (name, at));
+    }
+}
+
+/// The error of a stage whose second row is `row`.
+fn refused_second_row(row: Row<2, 1>) -> ProblemError {
+    let mut bad = stage();
+    bad.rows.push(row);
+    OcpQp::new(Vector2::zeros(), vec![bad], terminal()).unwrap_err()
+}
+
+#[test]
 fn faces_are_checked_one_by_one() {
     let face = HalfSpace {
         normal: Vector2::new(1.0, 0.0),
