@@ -99,8 +99,6 @@ pub(super) struct Layout<const NX: usize, const NU: usize> {
     pub(super) scalars: Vec<ScalarRow>,
     /// Columns of slacks with an L1 price.
     pub(super) priced: Vec<usize>,
-    /// Columns of slacks with a quadratic price.
-    pub(super) squared: Vec<usize>,
     /// First column of the terminal set's own slacks (equality or ellipsoid), if soft.
     pub(super) set_slack: Option<usize>,
     columns: usize,
@@ -146,7 +144,6 @@ impl<const NX: usize, const NU: usize> Layout<NX, NU> {
             masks,
             scalars: Vec::new(),
             priced: Vec::new(),
-            squared: Vec::new(),
             set_slack: None,
             columns: problem.horizon() * (NX + NU),
             present,
@@ -173,12 +170,11 @@ impl<const NX: usize, const NU: usize> Layout<NX, NU> {
 
     fn add_slacks(&mut self, penalty: Penalty, count: usize) -> Option<usize> {
         let first = self.columns;
-        let list = match penalty {
+        match penalty {
             Penalty::Hard => return None,
-            Penalty::Exact { .. } => &mut self.priced,
-            Penalty::Quadratic { .. } => &mut self.squared,
-        };
-        list.extend(first..first + count);
+            Penalty::Exact { .. } => self.priced.extend(first..first + count),
+            Penalty::Quadratic { .. } => {}
+        }
         self.columns += count;
         Some(first)
     }

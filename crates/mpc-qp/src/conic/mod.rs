@@ -100,12 +100,6 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         self.builds
     }
 
-    /// Nonzeros of the upper triangle of P and of A.
-    #[must_use]
-    pub fn nonzeros(&self) -> (usize, usize) {
-        (self.cost.values().len(), self.constraints.values().len())
-    }
-
     fn build(
         problem: &OcpQp<NX, NU>,
         layout: Layout<NX, NU>,

@@ -94,12 +94,6 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         })
     }
 
-    /// The limits in force.
-    #[must_use]
-    pub fn settings(&self) -> &SolverSettings {
-        &self.settings
-    }
-
     /// Writes the iterate and judges it; the status is what the recomputed residuals support.
     fn conclude(
         &mut self,
