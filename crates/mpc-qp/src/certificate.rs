@@ -32,6 +32,12 @@ const LEAST_PROOF: f64 = 1e-4;
 const PROOF_SIGNS: f64 = 1e-7;
 
 impl InfeasibilityCertificate {
+    /// What a ray is worth that proves nothing.
+    const NONE: Self = Self {
+        residual: f64::INFINITY,
+        sign_violation: f64::INFINITY,
+    };
+
     /// Whether the ray refutes enough to be called a proof at all.
     pub(crate) fn is_proof(&self) -> bool {
         self.residual <= LEAST_PROOF && self.sign_violation <= PROOF_SIGNS
@@ -104,12 +110,16 @@ pub(crate) fn of_constraints<'a, const NX: usize, const NU: usize>(
     }
 }
 
-/// Judges the ray in `solution.multipliers`; neither the states nor the costs are used.
+/// Judges the ray in `solution.multipliers`; neither the states nor the costs are used. One that is laid out for another problem
+/// proves nothing.
 #[must_use]
 pub fn examine_certificate<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     solution: &Solution<NX, NU>,
 ) -> (InfeasibilityCertificate, Blame) {
+    if solution.check_shape(problem).is_err() {
+        return (InfeasibilityCertificate::NONE, Blame::default());
+    }
     let gradient = of_constraints(problem, solution);
     let adjoint = (0..problem.horizon())
         .map(|k| {
@@ -135,16 +145,14 @@ pub fn examine_certificate<const NX: usize, const NU: usize>(
     });
     ray.add_terminal_set(problem, solution);
     let separation = -ray.product;
-    let (residual, sign_violation) = if separation > 0.0 && adjoint.is_finite() {
-        (adjoint / separation, ray.sign_violation / separation)
-    } else {
-        (f64::INFINITY, f64::INFINITY)
-    };
+    if !(separation > 0.0 && adjoint.is_finite()) {
+        return (InfeasibilityCertificate::NONE, Blame::default());
+    }
     let certificate = InfeasibilityCertificate {
-        residual,
-        sign_violation,
+        residual: adjoint / separation,
+        sign_violation: ray.sign_violation / separation,
     };
-    let blame = if residual.is_finite() {
+    let blame = if certificate.residual.is_finite() {
         Blame::of_ray(problem, solution)
     } else {
         Blame::default()

@@ -90,13 +90,17 @@ pub struct Residuals {
 }
 
 impl Residuals {
-    /// The residuals of `solution` as an answer to `problem`. Shapes must agree.
+    /// The residuals of `solution` as an answer to `problem`; infinite if it is laid out for another one.
     #[must_use]
     pub fn evaluate<const NX: usize, const NU: usize>(
         problem: &OcpQp<NX, NU>,
         solution: &Solution<NX, NU>,
     ) -> Self {
         let mut residuals = Self::default();
+        if solution.check_shape(problem).is_err() {
+            residuals.constraints.record(f64::INFINITY, 0.0);
+            return residuals;
+        }
         residuals.add_stationarity(problem, solution);
         residuals.add_dynamics(problem, solution);
         residuals.add_scalar_constraints(problem, solution);

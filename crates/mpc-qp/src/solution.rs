@@ -149,7 +149,7 @@ impl<const NX: usize, const NU: usize> Solution<NX, NU> {
         compare("terminal set", 1, usize::from(fits))
     }
 
-    /// Recomputes objective and residuals from the problem's data. Shapes must agree.
+    /// Recomputes objective and residuals from the problem's data; the residuals are infinite if this is laid out for another problem.
     pub fn evaluate(&mut self, problem: &OcpQp<NX, NU>) {
         self.objective = problem.objective(&self.x, &self.u, &self.slacks);
         self.residuals = Residuals::evaluate(problem, self);

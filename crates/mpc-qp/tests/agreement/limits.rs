@@ -5,7 +5,7 @@ use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{
     ConstraintGroup, OcpQp, OcpSolver, Solution, SolveError, SolveStatus, SolverSettings, Start,
-    StructuredSolver, TerminalSet,
+    StructuredSolver, TerminalSet, examine_certificate,
 };
 use nalgebra::Vector6;
 
@@ -186,13 +186,24 @@ fn bounds_of_1e20_are_absent() {
 }
 
 #[test]
-fn answer_to_another_kind_of_terminal_set_is_never_good() {
+fn answer_to_a_problem_of_another_structure_is_never_good() {
     let tracking = Tracking::default();
     let cone = tracking.problem(Tracking::start(5), 20, true).unwrap();
     let free = tracking.problem(Tracking::start(5), 20, false).unwrap();
     let mut solution = structured(&free);
     solution.evaluate(&cone);
     assert_eq!(solution.residuals.worst(), f64::INFINITY);
+    // Nor is one over another horizon, nor does it prove anything.
+    let shorter = tracking.problem(Tracking::start(5), 19, false).unwrap();
+    let longer = tracking.problem(Tracking::start(5), 21, false).unwrap();
+    for other in [shorter, longer] {
+        solution.evaluate(&other);
+        assert_eq!(solution.residuals.worst(), f64::INFINITY);
+        assert_eq!(
+            examine_certificate(&other, &solution).0.residual,
+            f64::INFINITY
+        );
+    }
     let mut solver = StructuredSolver::new(&free, SolverSettings::default()).unwrap();
     let refused = solver.solve(&cone, Start::Cold, &mut Solution::new(&cone));
     assert!(matches!(refused, Err(SolveError::SolverShape { .. })));
