@@ -114,6 +114,15 @@ pub(crate) fn absent_bounds<const N: usize>(
     }
 }
 
+/// Distance of two bounds, relative to their size, up to which nothing but rounding is between them.
+const COINCIDENT: f64 = 1e-11;
+
+/// Whether bounds of numbers of this size leave no interior; a size of zero asks whether they differ by their own rounding.
+pub(crate) fn coincide(lower: f64, upper: f64, size: f64) -> bool {
+    let distance = upper - lower;
+    distance.is_finite() && distance <= COINCIDENT * (size + lower.abs())
+}
+
 /// Names: of the pair, of the lower and of the upper bound.
 pub(crate) fn bounds<const N: usize>(
     place: Place,

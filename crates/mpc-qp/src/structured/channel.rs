@@ -6,6 +6,7 @@
 use super::bounds::{self, Lane, Reach};
 use super::kernel::Lanes;
 use super::soft::{self, Price, SlackLane};
+use crate::validation::coincide;
 
 /// A component whose bounds coincide.
 #[derive(Clone, Copy, Debug)]
@@ -114,12 +115,7 @@ impl Channel {
 
     /// Enters the bounds of value `index`; infinite ones are absent.
     pub(super) fn bound(&mut self, index: usize, lower: f64, upper: f64) {
-        let hard = self.price == Price::Hard;
-        if hard
-            && lower.is_finite()
-            && upper.is_finite()
-            && upper - lower <= 1e-11 * (1.0 + lower.abs())
-        {
+        if self.price == Price::Hard && coincide(lower, upper, 1.0) {
             self.fixed.push(Fixed {
                 index,
                 target: 0.5 * (lower + upper),

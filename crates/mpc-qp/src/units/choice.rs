@@ -8,6 +8,7 @@ use crate::problem::OcpQp;
 use crate::softening::Penalty;
 use crate::stage::Stage;
 use crate::terminal::TerminalSet;
+use crate::validation::coincide;
 use nalgebra::{SMatrix, SVector};
 
 /// Stages over which a unit impulse of an input is followed, as long as no state grows beyond this multiple of its first response: a
@@ -52,23 +53,40 @@ fn larger(one: f64, other: f64) -> f64 {
     }
 }
 
-/// The narrowest distance of the bounds of each input; where there is none, of its rates' bounds; zero without either.
-fn room<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> SVector<f64, NU> {
+/// The median distance of these bounds where they are apart, zero if they are nowhere; `distances` is memory for it.
+///
+/// One stage may be held by a delay or opened by 1e6: neither is the size of the others. Of an even number the wider of the middle two.
+fn median(bounds: impl Iterator<Item = (f64, f64)>, distances: &mut [f64]) -> f64 {
+    let apart = bounds.filter(|&(lower, upper)| !coincide(lower, upper, 0.0));
+    let proper = apart
+        .map(|(lower, upper)| upper - lower)
+        .filter(|distance| distance.is_finite());
+    let mut count = 0;
+    for (to, distance) in distances.iter_mut().zip(proper) {
+        *to = distance;
+        count += 1;
+    }
+    if count == 0 {
+        return 0.0;
+    }
+    let (_, median, _) = distances[..count].select_nth_unstable_by(count / 2, f64::total_cmp);
+    *median
+}
+
+/// The median distance of the bounds of each input; where there is none, of its rates' bounds; zero without either.
+fn room<const NX: usize, const NU: usize>(
+    problem: &OcpQp<NX, NU>,
+    distances: &mut [f64],
+) -> SVector<f64, NU> {
+    let stages = || problem.stages().iter();
     SVector::from_fn(|i, _| {
-        let narrowest = |distance: &dyn Fn(&Stage<NX, NU>) -> f64| {
-            let distances = problem.stages().iter().map(distance);
-            let narrowest = distances
-                .filter(|distance| *distance > 0.0)
-                .fold(f64::INFINITY, f64::min);
-            if narrowest.is_finite() {
-                narrowest
-            } else {
-                0.0
-            }
-        };
-        let of_inputs = narrowest(&|stage| stage.u_max[i] - stage.u_min[i]);
-        let of_rates = narrowest(&|stage| stage.du_max[i] - stage.du_min[i]);
-        if of_inputs > 0.0 { of_inputs } else { of_rates }
+        let of_inputs = stages().map(|stage| (stage.u_min[i], stage.u_max[i]));
+        let of_inputs = median(of_inputs, distances);
+        if of_inputs > 0.0 {
+            return of_inputs;
+        }
+        let of_rates = stages().map(|stage| (stage.du_min[i], stage.du_max[i]));
+        median(of_rates, distances)
     })
 }
 
@@ -154,8 +172,9 @@ fn of_inputs<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     squares: &SMatrix<f64, NX, NU>,
     curvature: &SVector<f64, NU>,
+    distances: &mut [f64],
 ) -> SVector<f64, NU> {
-    let (given, widths) = (given(problem), room(problem));
+    let (given, widths) = (given(problem), room(problem, distances));
     let room = SVector::<f64, NU>::from_fn(|j, _| {
         nearest_to_one(asked(&given, &squares.column(j).into()), widths[j])
     });
@@ -241,7 +260,7 @@ impl<const NX: usize, const NU: usize> Units<NX, NU> {
     /// of the cost from one.
     pub(super) fn choose(&mut self, problem: &OcpQp<NX, NU>) -> f64 {
         let (squares, curvature) = responses(problem);
-        self.input = of_inputs(problem, &squares, &curvature);
+        self.input = of_inputs(problem, &squares, &curvature, &mut self.distances);
         self.state = of_states(problem, &squares, &self.input);
         self.cost = of_cost(problem, self, &curvature);
         let (state, input) = (self.state, self.input);

@@ -24,6 +24,8 @@ pub(crate) struct Units<const NX: usize, const NU: usize> {
     cost: f64,
     rows: Vec<f64>,
     faces: Vec<f64>,
+    /// Memory for the choice, one number a stage.
+    distances: Vec<f64>,
 }
 
 /// Memory for a problem in its own units, and for its solution.
@@ -50,6 +52,7 @@ impl<const NX: usize, const NU: usize> Natural<NX, NU> {
             cost: 1.0,
             rows: vec![1.0; rows],
             faces: vec![1.0; faces],
+            distances: vec![0.0; problem.horizon()],
         };
         Self {
             back: units.clone(),

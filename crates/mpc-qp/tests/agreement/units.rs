@@ -237,6 +237,43 @@ fn bounds_that_never_matter_do_not_change_the_answer() {
     }
 }
 
+/// [`integrator`] with the inputs of the first `held` stages in these bounds.
+fn held(held: usize, [u_min, u_max]: [f64; 2]) -> OcpQp<2, 1> {
+    let problem = integrator(1.0, 1.0);
+    let mut stages = problem.stages().to_vec();
+    for stage in &mut stages[..held] {
+        (stage.u_min[0], stage.u_max[0]) = (u_min, u_max);
+    }
+    let terminal = problem.terminal().clone();
+    OcpQp::new(*problem.initial_state(), stages, terminal).unwrap()
+}
+
+/// A delay holds the first input, a tightened tube leaves it next to nothing, two bounds differ by the rounding of 0.1 + 0.2: none of
+/// these is the size of the inputs.
+#[test]
+fn stage_that_leaves_no_room_is_no_unit() {
+    let wide = answers(&held(0, [0.0; 2]));
+    for count in [1, 2] {
+        for bounds in [[0.0; 2], [0.0, 1e-9], [0.3, 0.1 + 0.2]] {
+            let name = format!("{count} stages in {bounds:?}");
+            let problem = held(count, bounds);
+            same_cost(&name, &problem);
+            for ((solver, solution), (_, wide)) in answers(&problem).iter().zip(&wide) {
+                let first = solution.u[0][0];
+                assert!(
+                    (bounds[0] - 1e-9..=bounds[1] + 1e-9).contains(&first),
+                    "{name}, {solver}: {first}"
+                );
+                let (found, usual) = (solution.iterations, wide.iterations);
+                assert!(
+                    found <= 2 * usual,
+                    "{name}, {solver}: {found} iterations, {usual} without"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn open_loop_growth_is_no_unit() {
     // x+ = 2 x + u: over 16 stages an impulse grows to 2^16, the optimum stays below one.
