@@ -25,11 +25,10 @@ pub struct InfeasibilityCertificate {
     pub sign_violation: f64,
 }
 
-/// Residual of a ray above which it proves nothing: trajectories of a 1-norm of 1e4 might be feasible.
-const LEAST_PROOF: f64 = 1e-4;
-
-/// Wrong signs above which a ray proves nothing.
-const PROOF_SIGNS: f64 = 1e-7;
+/// A ray is a proof if no trajectory with a 1-norm up to the reciprocal of this is feasible, in units in which the data's sizes are near
+/// one, nor any of ten times the size of the trajectory at hand. Wrong signs count alike.
+const PROOF: f64 = 1e-7;
+const BEYOND_REACH: f64 = 10.0;
 
 impl InfeasibilityCertificate {
     /// What a ray is worth that proves nothing.
@@ -38,9 +37,15 @@ impl InfeasibilityCertificate {
         sign_violation: f64::INFINITY,
     };
 
-    /// Whether the ray refutes enough to be called a proof at all.
-    pub(crate) fn is_proof(&self) -> bool {
-        self.residual <= LEAST_PROOF && self.sign_violation <= PROOF_SIGNS
+    /// Whether the ray refutes enough to be called a proof, the trajectory in `solution` beside it.
+    pub(crate) fn is_proof<const NX: usize, const NU: usize>(
+        &self,
+        solution: &Solution<NX, NU>,
+    ) -> bool {
+        let of_states: f64 = solution.x[1..].iter().map(|x| x.lp_norm(1)).sum();
+        let of_inputs: f64 = solution.u.iter().map(|u| u.lp_norm(1)).sum();
+        let far = BEYOND_REACH * (of_states + of_inputs);
+        self.residual <= PROOF.min(far.recip()) && self.sign_violation <= PROOF
     }
 }
 

@@ -1,6 +1,6 @@
 //! The passes of a solve: the first, and what follows where it leaves something open.
 //!
-//! A gap or an error in the dynamics that is worth too much calls for a second pass with tighter tolerances, a breakdown or a weak proof
+//! A gap or an error in the dynamics that is worth too much calls for a second pass with tighter tolerances, an end without answer or proof
 //! for a pass without cost. The shared residuals have the last word on the status.
 
 use super::{ClarabelSolver, clarabel_settings, extraction};
@@ -28,14 +28,18 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         self.set(&usual, usual.tolerance)?;
         self.run(problem, solution);
         let found = error(solution);
-        if let Some(rest) = self.rest(clock, solution) {
-            if solution.status.has_solution() && found > LOOSE * usual.tolerance {
-                self.run_again(problem, found, &rest, solution, error)?;
-            } else if self.unproved(solution.status) {
-                self.run_without_cost(problem, &rest, solution)?;
-            }
+        if solution.status.has_solution()
+            && found > LOOSE * usual.tolerance
+            && let Some(rest) = self.rest(clock, solution)
+        {
+            self.run_again(problem, found, &rest, solution, error)?;
         }
         solution.status = self.graded(solution);
+        if solution.status == SolveStatus::NumericalTrouble
+            && let Some(rest) = self.rest(clock, solution)
+        {
+            self.run_without_cost(problem, &rest, solution)?;
+        }
         Ok(())
     }
 
@@ -132,18 +136,8 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         Ok(())
     }
 
-    /// Whether the solve broke down, or ended with a ray that proves less than it might.
-    fn unproved(&self, status: SolveStatus) -> bool {
-        match status {
-            SolveStatus::PrimalInfeasible { certificate, .. } => {
-                certificate.residual > ACCURATE * self.settings.tolerance
-            }
-            status => status == SolveStatus::NumericalTrouble,
-        }
-    }
-
     /// A pass with zero cost: whether the constraints contradict each other does not depend on the cost, and without it
-    /// Clarabel measures the ray against nothing but the ray. The better proof is kept.
+    /// Clarabel measures the ray against nothing but the ray. Only a proof is kept.
     fn run_without_cost(
         &mut self,
         problem: &OcpQp<NX, NU>,
@@ -155,7 +149,8 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         self.set(rest, rest.tolerance)?;
         self.run(problem, solution);
         let iterations = first.iterations + solution.iterations;
-        if proof_residual(solution.status) >= proof_residual(first.status) {
+        solution.status = self.graded(solution);
+        if !matches!(solution.status, SolveStatus::PrimalInfeasible { .. }) {
             *solution = first;
         }
         solution.iterations = iterations;
@@ -181,7 +176,9 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         match solution.status {
             // Clarabel measures stationarity relative to |x|: an unbounded problem can drive x up until it says `Solved`.
             SolveStatus::Solved => downgraded(solution.status, worst, tolerance),
-            SolveStatus::PrimalInfeasible { certificate, .. } if !certificate.is_proof() => {
+            SolveStatus::PrimalInfeasible { certificate, .. }
+                if !certificate.is_proof(solution) =>
+            {
                 SolveStatus::NumericalTrouble
             }
             SolveStatus::SolvedInaccurate if worst <= tolerance => SolveStatus::Solved,
@@ -231,16 +228,5 @@ fn price_of_violation<const NX: usize, const NU: usize>(
     (of_dynamics + of_target) / solution.objective.abs().max(1.0)
 }
 
-/// Residual of the ray, infinite without one.
-fn proof_residual(status: SolveStatus) -> f64 {
-    match status {
-        SolveStatus::PrimalInfeasible { certificate, .. } => certificate.residual,
-        _ => f64::INFINITY,
-    }
-}
-
 /// Multiple of the tolerance at which the relative duality gap calls for a second pass.
 const LOOSE: f64 = 10.0;
-
-/// Multiple of the tolerance that the residual of a ray may reach without a second look.
-const ACCURATE: f64 = 100.0;

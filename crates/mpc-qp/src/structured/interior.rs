@@ -6,9 +6,7 @@ use super::kernel::run;
 use super::passes::{Advance, Backward, ConeTerm, Factorise, Forward, Weigh};
 use super::solves::{Ray, SolveAbsolute};
 use super::sweeps::Patience;
-use crate::certificate::{
-    InfeasibilityCertificate, cancel_opposite_multipliers, examine_certificate,
-};
+use crate::certificate::{cancel_opposite_multipliers, examine_certificate};
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
 
@@ -57,27 +55,6 @@ const MOST_ITERATIONS: usize = 100;
 /// stages with inputs nearly free was lost of 26 that are solved; to a tenth, 22.
 const WATCHED: usize = 10;
 const FALLEN: f64 = 0.9;
-
-/// A ray is a proof if no trajectory with a 1-norm up to the reciprocal of this is feasible, in units in which the data's sizes are near
-/// one, nor any of ten times the size of the trajectory at hand.
-const RAY_TOLERANCE: f64 = 1e-7;
-const BEYOND_REACH: f64 = 10.0;
-
-/// 1-norm of the trajectory `(u_0, x_1, ...)`.
-fn length<const NX: usize, const NU: usize>(solution: &Solution<NX, NU>) -> f64 {
-    let of_states: f64 = solution.x[1..].iter().map(|x| x.lp_norm(1)).sum();
-    of_states + solution.u.iter().map(|u| u.lp_norm(1)).sum::<f64>()
-}
-
-/// Whether the ray with this certificate is a proof, the trajectory at hand beside it.
-pub(super) fn proves<const NX: usize, const NU: usize>(
-    certificate: &InfeasibilityCertificate,
-    solution: &Solution<NX, NU>,
-) -> bool {
-    let far = BEYOND_REACH * length(solution);
-    certificate.residual <= RAY_TOLERANCE.min(far.recip())
-        && certificate.sign_violation <= RAY_TOLERANCE
-}
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     /// Starting point; returns the average complementarity product and the number of products.
@@ -174,7 +151,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             .for_each(|costate| *costate *= self.newton.cost_unit);
         cancel_opposite_multipliers(&mut solution.multipliers);
         let (certificate, blame) = examine_certificate(problem, solution);
-        if proves(&certificate, solution) {
+        if certificate.is_proof(solution) {
             return Some(SolveStatus::PrimalInfeasible { certificate, blame });
         }
         for channel in self.newton.channels() {

@@ -39,7 +39,6 @@ use crate::residuals::Residuals;
 use crate::solution::{Solution, SolveStatus};
 use crate::solver::{OcpSolver, SolverSettings, Start, downgraded};
 use crate::units::Natural;
-use interior::proves;
 use kernel::{Lanes, Phase, run};
 use newton::Newton;
 use solves::Costates;
@@ -215,7 +214,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         mended.status = match ended {
             SolveStatus::PrimalInfeasible { .. } => {
                 let (certificate, _) = examine_certificate(&natural.problem, inside);
-                if proves(&certificate, inside) {
+                if certificate.is_proof(inside) {
                     ended
                 } else {
                     SolveStatus::NumericalTrouble

@@ -122,7 +122,7 @@ impl<const NX: usize, const NU: usize> Natural<NX, NU> {
         match self.solution.status {
             SolveStatus::PrimalInfeasible { .. } => {
                 let (certificate, blame) = examine_certificate(problem, solution);
-                if certificate.is_proof() {
+                if certificate.is_proof(solution) {
                     SolveStatus::PrimalInfeasible { certificate, blame }
                 } else {
                     SolveStatus::NumericalTrouble
