@@ -31,13 +31,11 @@ pub enum SolveStatus {
         /// The constraints in conflict.
         blame: Blame,
     },
-    /// The cost has no lower bound on the feasible set.
-    DualInfeasible,
     /// Stopped at the iteration limit.
     IterationLimit,
     /// Stopped at the time limit.
     TimeLimit,
-    /// Stopped for lack of progress or a failed factorisation.
+    /// Stopped for lack of progress or a failed factorisation, or because the cost has no lower bound.
     NumericalTrouble,
 }
 

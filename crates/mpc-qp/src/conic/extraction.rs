@@ -172,7 +172,6 @@ pub(super) fn status<const NX: usize, const NU: usize>(
     match verdict {
         SolverStatus::Solved => SolveStatus::Solved,
         SolverStatus::PrimalInfeasible => proof(problem, solution),
-        SolverStatus::DualInfeasible => SolveStatus::DualInfeasible,
         SolverStatus::MaxIterations => SolveStatus::IterationLimit,
         SolverStatus::MaxTime => SolveStatus::TimeLimit,
         _ if solution.residuals.worst() <= usable => SolveStatus::SolvedInaccurate,

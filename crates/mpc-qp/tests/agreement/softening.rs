@@ -1,12 +1,12 @@
 //! Softening, infeasibility and blame, each claim for both solvers.
 
-use crate::answers;
+use crate::{answers, refused_for};
 use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::{
     ConstraintGroup, OcpQp, Penalty, Place, Row, Softening, Solution, SolveStatus, Stage, Terminal,
     TerminalSet, TerminalSetMultipliers, examine_certificate,
 };
-use nalgebra::{Matrix1, SMatrix, SVector, Vector1};
+use nalgebra::{Matrix1, Matrix2, SMatrix, SVector, Vector1, Vector2};
 
 /// `penalty` on one group that can be softened.
 fn soft(group: ConstraintGroup, penalty: Penalty) -> Softening {
@@ -234,18 +234,29 @@ fn softening_the_blamed_group_makes_the_problem_feasible() {
     }
 }
 
-#[test]
-fn unbounded_cost_is_never_called_solved() {
-    let mut stage = Stage::new(Matrix1::new(1.0), Matrix1::new(1.0));
+/// A cost that falls along `u` without end, and a second state at `second` that nothing moves, over one stage at least `least`.
+fn falling(u_max: f64, second: f64, least: f64) -> OcpQp<2, 1> {
+    let mut stage = Stage::new(Matrix2::identity(), Vector2::new(1.0, 0.0));
     stage.r_linear[0] = 1.0;
-    // Without any constraint, then with the other side bounded.
+    stage.u_max[0] = u_max;
+    let mut stages = vec![stage; 3];
+    stages[2].x_min[1] = least;
+    let terminal = Terminal::new(Matrix2::zeros());
+    OcpQp::new(Vector2::new(1.0, second), stages, terminal).unwrap()
+}
+
+// Without any bound on the inputs, then with one on the other side.
+#[test]
+fn unbounded_cost_is_trouble_and_no_reason_to_overlook_a_contradiction() {
     for u_max in [f64::INFINITY, 1.0] {
-        stage.u_max[0] = u_max;
-        let terminal = Terminal::new(Matrix1::zeros());
-        let problem = OcpQp::new(Vector1::zeros(), vec![stage.clone(); 3], terminal).unwrap();
-        for (solver, solution) in answers(&problem) {
+        for (solver, solution) in answers(&falling(u_max, 1.0, 0.0)) {
             let status = solution.status;
-            assert!(!status.has_solution(), "{solver}, {u_max}: {status:?}");
+            assert_eq!(status, SolveStatus::NumericalTrouble, "{solver}, {u_max}");
         }
+        refused_for(
+            &format!("inputs to {u_max}"),
+            &falling(u_max, 0.0, 1.0),
+            &[ConstraintGroup::StateBounds],
+        );
     }
 }

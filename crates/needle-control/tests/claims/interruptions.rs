@@ -50,7 +50,6 @@ fn assert_survives(name: &str, controller: &mut impl Controller, fault: Fault, s
 fn every_end_of_a_solve_without_an_answer_is_bridged_and_recovered_from() {
     let faults = [
         faulty_solver::infeasible(),
-        Fault::Status(SolveStatus::DualInfeasible),
         Fault::Status(SolveStatus::IterationLimit),
         Fault::Status(SolveStatus::TimeLimit),
         Fault::Status(SolveStatus::NumericalTrouble),

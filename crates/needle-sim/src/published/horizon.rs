@@ -118,7 +118,6 @@ fn status_name(status: &SolveStatus) -> &'static str {
         SolveStatus::Solved => SOLVED,
         SolveStatus::SolvedInaccurate => "solved_inaccurate",
         SolveStatus::PrimalInfeasible { .. } => "primal_infeasible",
-        SolveStatus::DualInfeasible => "dual_infeasible",
         SolveStatus::IterationLimit => "iteration_limit",
         SolveStatus::TimeLimit => "time_limit",
         SolveStatus::NumericalTrouble => "numerical_trouble",
