@@ -2,6 +2,7 @@
 
 use crate::error::SolveError;
 use crate::problem::OcpQp;
+use crate::residuals::Residuals;
 use crate::solution::{Solution, SolveStatus};
 use std::time::Duration;
 
@@ -21,7 +22,8 @@ pub enum Start {
 pub struct SolverSettings {
     /// Tolerance of feasibility and duality gap, absolute and relative.
     pub tolerance: f64,
-    /// Iterations after which [`SolveStatus::IterationLimit`](crate::SolveStatus::IterationLimit) is returned.
+    /// Iterations of all passes together after which a solve stops, with
+    /// [`SolveStatus::IterationLimit`](crate::SolveStatus::IterationLimit) unless the residuals show the point to be an answer.
     pub max_iterations: usize,
     /// Wall time after which [`SolveStatus::TimeLimit`](crate::SolveStatus::TimeLimit) is returned, checked each iteration.
     pub time_limit: Option<Duration>,
@@ -82,6 +84,36 @@ pub(crate) fn downgraded(status: SolveStatus, residual: f64, tolerance: f64) -> 
         SolveStatus::SolvedInaccurate
     } else {
         SolveStatus::NumericalTrouble
+    }
+}
+
+/// The status that recomputed residuals support, for all that claim an answer or stopped short of one: they may confirm, downgrade or,
+/// after a stop, upgrade it. Residuals are absolute where the numbers are below one, so that a stop is an answer only where the gap is
+/// small beside the objective itself. The time limit stands.
+pub(crate) fn graded(
+    status: SolveStatus,
+    residuals: &Residuals,
+    objective: impl Fn() -> f64,
+    tolerance: f64,
+) -> SolveStatus {
+    let worst = residuals.worst();
+    match status {
+        SolveStatus::Solved => downgraded(status, worst, tolerance),
+        SolveStatus::SolvedInaccurate
+        | SolveStatus::IterationLimit
+        | SolveStatus::NumericalTrouble => {
+            let gap = residuals.complementarity.absolute;
+            if worst <= tolerance && gap <= tolerance * objective().abs() {
+                SolveStatus::Solved
+            } else if worst <= usable_residual(tolerance) {
+                SolveStatus::SolvedInaccurate
+            } else if status.has_solution() {
+                SolveStatus::NumericalTrouble
+            } else {
+                status
+            }
+        }
+        SolveStatus::PrimalInfeasible { .. } | SolveStatus::TimeLimit => status,
     }
 }
 

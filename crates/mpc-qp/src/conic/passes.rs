@@ -8,7 +8,7 @@ use crate::error::SolveError;
 use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
 use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
-use crate::solver::{SolverSettings, downgraded, usable_residual};
+use crate::solver::{SolverSettings, graded, usable_residual};
 use crate::terminal::TerminalSet;
 use clarabel::solver::IPSolver;
 use std::time::Instant;
@@ -169,20 +169,24 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         Ok(())
     }
 
-    /// The status that the shared residuals support, for all statuses that claim an answer or stopped short of one.
+    /// The status that the shared residuals and the rule of proofs support.
     fn graded(&self, solution: &Solution<NX, NU>) -> SolveStatus {
-        let worst = solution.residuals.worst();
-        let tolerance = self.settings.tolerance;
         match solution.status {
-            // Clarabel measures stationarity relative to |x|: an unbounded problem can drive x up until it says `Solved`.
-            SolveStatus::Solved => downgraded(solution.status, worst, tolerance),
             SolveStatus::PrimalInfeasible { certificate, .. }
                 if !certificate.is_proof(solution) =>
             {
                 SolveStatus::NumericalTrouble
             }
-            SolveStatus::SolvedInaccurate if worst <= tolerance => SolveStatus::Solved,
-            status => status,
+            // Clarabel measures stationarity relative to |x|: an unbounded problem can drive x up until it says `Solved`.
+            status => {
+                let objective = || solution.objective;
+                graded(
+                    status,
+                    &solution.residuals,
+                    objective,
+                    self.settings.tolerance,
+                )
+            }
         }
     }
 }

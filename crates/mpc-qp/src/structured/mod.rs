@@ -37,13 +37,13 @@ use crate::error::SolveError;
 use crate::problem::OcpQp;
 use crate::residuals::Residuals;
 use crate::solution::{Solution, SolveStatus};
-use crate::solver::{OcpSolver, SolverSettings, Start, downgraded};
+use crate::solver::{OcpSolver, SolverSettings, Start, downgraded, graded};
 use crate::units::Natural;
 use kernel::{Lanes, Phase, run};
 use newton::Newton;
 use solves::Costates;
 use std::time::{Duration, Instant};
-use verdict::{all_finite, confirmed};
+use verdict::all_finite;
 
 /// Structured interior-point solver.
 #[derive(Clone, Debug)]
@@ -106,12 +106,9 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let judging = Instant::now();
         solution.residuals = Residuals::evaluate(problem, solution);
         self.judging += judging.elapsed();
-        let gap = || {
-            let objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
-            solution.residuals.complementarity.absolute / objective.abs()
-        };
+        let objective = || problem.objective(&solution.x, &solution.u, &solution.slacks);
         let tolerance = self.settings.tolerance;
-        solution.status = confirmed(status, solution.residuals.worst(), gap, tolerance);
+        solution.status = graded(status, &solution.residuals, objective, tolerance);
     }
 
     /// The careful pass after an answer that is not good enough; the better of the two stays.

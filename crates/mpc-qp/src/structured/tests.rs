@@ -1,13 +1,13 @@
 //! What cannot be seen from outside: the baseline arithmetic, and limits and ends of the careful pass.
 
 use super::kernel::{BASELINE, run};
-use super::verdict::confirmed;
 use super::{Load, StructuredSolver};
 use crate::problem::OcpQp;
 use crate::problems::random::{self, Recipe};
 use crate::problems::tracking::Tracking;
+use crate::residuals::Residuals;
 use crate::solution::{Solution, SolveStatus};
-use crate::solver::{OcpSolver, SolverSettings, Start};
+use crate::solver::{OcpSolver, SolverSettings, Start, graded};
 use crate::stage::{Row, Stage};
 use crate::terminal::Terminal;
 use crate::units::Natural;
@@ -95,11 +95,17 @@ fn careful_pass_solves_what_it_is_given() {
 
 #[test]
 fn stop_is_an_answer_only_with_a_gap_that_is_small_beside_the_cost() {
-    for stop in [SolveStatus::IterationLimit, SolveStatus::NumericalTrouble] {
+    let mut residuals = Residuals::default();
+    residuals.complementarity.absolute = 1e-9;
+    for stop in [
+        SolveStatus::SolvedInaccurate,
+        SolveStatus::IterationLimit,
+        SolveStatus::NumericalTrouble,
+    ] {
         // A gap of 1e-9 at a cost of 1e-9 is all of it.
-        let status = confirmed(stop, 1e-9, || 1.0, 1e-8);
+        let status = graded(stop, &residuals, || 1e-9, 1e-8);
         assert_eq!(status, SolveStatus::SolvedInaccurate);
-        let status = confirmed(stop, 1e-9, || 1e-9, 1e-8);
+        let status = graded(stop, &residuals, || 1.0, 1e-8);
         assert_eq!(status, SolveStatus::Solved);
     }
 }

@@ -1,33 +1,8 @@
-//! What a point is worth: the status that its recomputed residuals support.
+//! Whether a guess or an answer can be used at all.
 
 use crate::multipliers::TerminalSetMultipliers;
 use crate::softening::ConstraintGroup;
-use crate::solution::{Solution, SolveStatus};
-use crate::solver::{downgraded, usable_residual};
-
-/// The status after a look at the recomputed residuals: they may confirm, downgrade or, after a stop, upgrade it. Residuals are absolute
-/// where the numbers are below one, so that a stop is an answer only where the gap is small beside the cost, `gap` times it.
-pub(super) fn confirmed(
-    status: SolveStatus,
-    residual: f64,
-    gap: impl Fn() -> f64,
-    tolerance: f64,
-) -> SolveStatus {
-    let usable = residual <= usable_residual(tolerance);
-    match status {
-        SolveStatus::Solved => downgraded(status, residual, tolerance),
-        // A stop at a point that is optimal all the same.
-        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble
-            if residual <= tolerance && gap() <= tolerance =>
-        {
-            SolveStatus::Solved
-        }
-        SolveStatus::IterationLimit | SolveStatus::NumericalTrouble if usable => {
-            SolveStatus::SolvedInaccurate
-        }
-        other => other,
-    }
-}
+use crate::solution::Solution;
 
 /// Whether every number of a solution is finite.
 pub(super) fn all_finite<const NX: usize, const NU: usize>(solution: &Solution<NX, NU>) -> bool {

@@ -1,6 +1,6 @@
 //! What settings, guesses and refills promise: limits hold in every phase, nothing is left over from a guess or a refill.
 
-use crate::{answers, refused_for, structured};
+use crate::{answers, refused_for, solvers, structured};
 use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{
@@ -30,6 +30,33 @@ fn no_phase_takes_more_iterations_than_allowed() {
         }
     }
     assert!(stopped > 150, "{stopped} stops");
+}
+
+#[test]
+fn iteration_limit_is_the_end_of_points_that_are_no_answer() {
+    let mut short = 0;
+    for seed in 1..5 {
+        let problem = Tracking::default()
+            .problem(Tracking::start(seed), 20, true)
+            .unwrap();
+        for max_iterations in 1..16 {
+            let settings = SolverSettings {
+                max_iterations,
+                ..SolverSettings::default()
+            };
+            for (name, mut solver) in solvers(&problem, settings) {
+                let mut solution = Solution::new(&problem);
+                solver.solve(&problem, Start::Cold, &mut solution).unwrap();
+                // 1000 tolerances are what an inaccurate answer may leave.
+                let (status, worst) = (solution.status, solution.residuals.worst());
+                let no_answer = status == SolveStatus::IterationLimit;
+                assert_eq!(no_answer, worst > 1e-5, "{name}: {status:?}, {worst:e}");
+                let inaccurate = status == SolveStatus::SolvedInaccurate;
+                short += usize::from(inaccurate && name == "Clarabel");
+            }
+        }
+    }
+    assert!(short > 0, "Clarabel never stopped just short");
 }
 
 #[test]
