@@ -44,6 +44,8 @@ pub struct ClarabelSolver<const NX: usize, const NU: usize> {
     solver: Option<DefaultSolver<f64>>,
     /// The problem in its own units, there except during a solve in them.
     natural: Option<Box<Natural<NX, NU>>>,
+    /// A second one for problems as given, with an equilibration of its own, made where it is first asked for.
+    as_given: Option<Box<Self>>,
     settings: SolverSettings,
     cost_scale: f64,
     /// Spent on residuals in the present solve.
@@ -61,6 +63,7 @@ impl<const NX: usize, const NU: usize> Clone for ClarabelSolver<NX, NU> {
             right: self.right.clone(),
             solver: None,
             natural: self.natural.clone(),
+            as_given: self.as_given.clone(),
             ..*self
         }
     }
@@ -94,10 +97,11 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         Ok(solver)
     }
 
-    /// How often the pattern was made: 1 as long as the structure stays; a clone counts on from here, and one more at its first solve.
+    /// How often the pattern was made: 1 as long as the structure stays; a clone counts on from here, and one more at its first solve. A problem
+    /// in units far from one that is not solved in others is tried as given, by a second solver that counts too.
     #[must_use]
     pub fn builds(&self) -> usize {
-        self.builds
+        self.builds + self.as_given.as_ref().map_or(0, |second| second.builds)
     }
 
     fn build(
@@ -131,6 +135,7 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
             right,
             solver: Some(solver),
             natural: None,
+            as_given: None,
             settings,
             cost_scale: scale,
             judging: Duration::ZERO,
@@ -142,7 +147,9 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
     fn refill(&mut self, problem: &OcpQp<NX, NU>) -> Result<(), SolveError> {
         if self.solver.is_none() || !self.layout.covers(problem) {
             let layout = self.layout.extended_to(problem);
+            let as_given = self.as_given.take();
             *self = Self::build(problem, layout, self.settings, self.builds + 1)?;
+            self.as_given = as_given;
             return Ok(());
         }
         self.cost_scale = cost_scale(problem);

@@ -11,7 +11,7 @@ use crate::solution::{Solution, SolveStatus};
 use crate::solver::{SolverSettings, graded, usable_residual};
 use crate::terminal::TerminalSet;
 use clarabel::solver::IPSolver;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
     /// Solves a problem in the units that it is in, within what `clock` leaves of the time limit; `error` is the error of an answer
@@ -51,18 +51,27 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         problem: &OcpQp<NX, NU>,
         solution: &mut Solution<NX, NU>,
     ) -> Result<(), SolveError> {
-        if solution.status.is_settled() {
+        if solution.status.is_settled() || self.rest(clock, solution).is_none() {
             return Ok(());
         }
+        if self.as_given.is_none() {
+            let second = Self::build(problem, self.layout.clone(), self.settings, 1)?;
+            self.as_given = Some(Box::new(second));
+        }
+        // Only now: making it takes time.
         let Some(rest) = self.rest(clock, solution) else {
             return Ok(());
         };
-        let mut solver = Self::build(problem, self.layout.clone(), rest, 1)?;
+        let Some(mut second) = self.as_given.take() else {
+            return Ok(());
+        };
         let mut other = solution.clone();
-        solver.solve_in(&Instant::now(), problem, &mut other, |found| {
+        (second.settings, second.judging) = (rest, Duration::ZERO);
+        second.solve_in(&Instant::now(), problem, &mut other, |found| {
             error(problem, found)
         })?;
-        self.judging += solver.judging;
+        self.judging += second.judging;
+        self.as_given = Some(second);
         let iterations = solution.iterations + other.iterations;
         let nearer = other.residuals.worst() < solution.residuals.worst();
         let answered = solution.status.has_solution();

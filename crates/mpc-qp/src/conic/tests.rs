@@ -3,6 +3,9 @@
 use super::*;
 use crate::problems::random::{self, Recipe};
 use crate::solution::SolveStatus;
+use crate::stage::Stage;
+use crate::terminal::Terminal;
+use nalgebra::{Matrix4, Matrix4x2, Vector4};
 
 fn bits(solver: &ClarabelSolver<4, 2>) -> Vec<u64> {
     let parts = [
@@ -68,6 +71,24 @@ fn pattern_grows_once_for_a_bound_that_appears_and_stays_when_it_goes() {
         problem.set_stage(0, stage).unwrap();
         solver.solve(&problem, Start::Cold, &mut solution).unwrap();
         assert_eq!(solver.builds(), builds);
+    }
+}
+
+#[test]
+fn second_solver_for_a_problem_as_given_is_made_once_and_counted() {
+    // A cost that falls without end, a million units of the state for one of the input.
+    let mut stage = Stage::new(Matrix4::identity(), Matrix4x2::zeros());
+    stage.b[(0, 0)] = 1e6;
+    stage.r_linear[0] = 1.0;
+    let terminal = Terminal::new(Matrix4::zeros());
+    let problem = OcpQp::new(Vector4::zeros(), vec![stage; 3], terminal).unwrap();
+    let mut solver = ClarabelSolver::new(&problem, SolverSettings::default()).unwrap();
+    let mut solution = Solution::new(&problem);
+    assert_eq!(solver.builds(), 1);
+    for _ in 0..2 {
+        solver.solve(&problem, Start::Cold, &mut solution).unwrap();
+        assert_eq!(solution.status, SolveStatus::NumericalTrouble);
+        assert_eq!(solver.builds(), 2);
     }
 }
 
