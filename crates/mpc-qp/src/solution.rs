@@ -18,7 +18,8 @@ use std::time::Duration;
 )]
 pub enum SolveStatus {
     /// Optimal to the tolerance asked for, in the solver's scaling: no shared residual exceeds 100 times the tolerance or 1e-4,
-    /// whichever is less (but not less than the tolerance itself).
+    /// whichever is less (but not less than the tolerance itself). Stationarity counts relative to a tenth of the largest term of all
+    /// gradients at least ([`Residuals::worst`]), everything else relative to its own condition.
     Solved,
     /// Optimal to a looser tolerance, 1000 times as large, between 1e-5 and 1e-3; read [`Solution::residuals`].
     SolvedInaccurate,
