@@ -3,7 +3,7 @@
 //! Both solvers' answers are judged by this file and neither uses it inside. With the Lagrangian of
 //! [`crate::Multipliers`] it evaluates stationarity, dynamics, constraints, signs of the multipliers and complementarity.
 
-use crate::constraints::for_each_scalar;
+use crate::constraints::{ScalarConstraint, for_each_scalar};
 use crate::lagrangian::{Balance, LagrangianGradient, Terms};
 use crate::multipliers::{TerminalSetMultipliers, TerminalSetSlacks};
 use crate::problem::OcpQp;
@@ -45,11 +45,16 @@ impl Residual {
     }
 
     /// NaN and infinite terms count as infinite violations; a condition without a limit comes as minus infinity and holds.
+    #[inline]
     fn record(&mut self, violation: f64, terms: f64) {
+        let size = if terms > 1.0 { terms } else { 1.0 };
+        // There are many conditions, and few set a record.
+        if violation <= self.absolute && violation <= self.ratio * size && terms <= self.largest {
+            return;
+        }
         if violation < f64::INFINITY && terms.is_finite() {
             self.absolute = self.absolute.max(violation);
             self.largest = self.largest.max(terms);
-            let size = terms.max(1.0);
             if violation > self.ratio * size {
                 self.ratio = violation / size;
             }
@@ -96,6 +101,16 @@ impl Residuals {
         problem: &OcpQp<NX, NU>,
         solution: &Solution<NX, NU>,
     ) -> Self {
+        let objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
+        Self::beside(objective, problem, solution)
+    }
+
+    /// The residuals of `solution`, whose cost is `objective`.
+    pub(crate) fn beside<const NX: usize, const NU: usize>(
+        objective: f64,
+        problem: &OcpQp<NX, NU>,
+        solution: &Solution<NX, NU>,
+    ) -> Self {
         let mut residuals = Self::default();
         if solution.check_shape(problem).is_err() {
             residuals.constraints.record(f64::INFINITY, 0.0);
@@ -106,7 +121,6 @@ impl Residuals {
         residuals.add_scalar_constraints(problem, solution);
         residuals.add_terminal_set(problem, solution);
         let gap = std::mem::take(&mut residuals.complementarity).absolute;
-        let objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
         residuals.complementarity.record(gap, objective.abs());
         residuals
     }
@@ -173,19 +187,36 @@ impl Residuals {
         solution: &Solution<NX, NU>,
     ) {
         for_each_scalar(problem, solution, |constraint| {
-            let (multiplier, slack) = (constraint.multiplier, constraint.slack);
-            self.multiplier_signs.record(-multiplier, multiplier.abs());
-            if constraint.right == f64::INFINITY {
-                self.multiplier_signs.record(multiplier.abs(), 0.0);
-                self.constraints.record(slack.abs(), 0.0);
-                return;
-            }
+            let ScalarConstraint {
+                multiplier, slack, ..
+            } = constraint;
             let distance = constraint.right + slack - constraint.left;
-            let terms = constraint.left.abs().max(constraint.right.abs());
-            self.constraints.record(-distance, terms);
-            self.complementarity.absolute += (multiplier * distance).abs();
-            self.add_slack(problem.softening().of(constraint.group), slack, multiplier);
+            // Most constraints are absent or not active, and satisfy all their conditions.
+            if !(multiplier == 0.0 && slack == 0.0 && distance >= 0.0) {
+                self.add_scalar(problem.softening().of(constraint.group), &constraint);
+            }
         });
+    }
+
+    fn add_scalar(&mut self, penalty: Penalty, constraint: &ScalarConstraint) {
+        let &ScalarConstraint {
+            left,
+            right,
+            multiplier,
+            slack,
+            ..
+        } = constraint;
+        self.multiplier_signs.record(-multiplier, multiplier.abs());
+        if right == f64::INFINITY {
+            self.multiplier_signs.record(multiplier.abs(), 0.0);
+            self.constraints.record(slack.abs(), 0.0);
+            return;
+        }
+        let distance = right + slack - left;
+        self.constraints
+            .record(-distance, left.abs().max(right.abs()));
+        self.complementarity.absolute += (multiplier * distance).abs();
+        self.add_slack(penalty, slack, multiplier);
     }
 
     /// Conditions on one slack: stationary or complementary against its price.

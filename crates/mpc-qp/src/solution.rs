@@ -72,7 +72,7 @@ pub struct Solution<const NX: usize, const NU: usize> {
     pub iterations: usize,
     /// Optimality conditions, recomputed from the problem.
     pub residuals: Residuals,
-    /// Wall time of the solve, assembly and extraction included; the time in which residuals are recomputed is taken off.
+    /// Wall time of the solve, assembly and extraction included; the time in which objective and residuals are recomputed is taken off.
     pub time: Duration,
 }
 
@@ -153,7 +153,7 @@ impl<const NX: usize, const NU: usize> Solution<NX, NU> {
     /// Recomputes objective and residuals from the problem's data; the residuals are infinite if this is laid out for another problem.
     pub fn evaluate(&mut self, problem: &OcpQp<NX, NU>) {
         self.objective = problem.objective(&self.x, &self.u, &self.slacks);
-        self.residuals = Residuals::evaluate(problem, self);
+        self.residuals = Residuals::beside(self.objective, problem, self);
     }
 
     /// Moves everything one stage ahead, as a guess for the next sample: stage k takes the values of k + 1, the last input is

@@ -93,7 +93,7 @@ pub(crate) fn downgraded(status: SolveStatus, residual: f64, tolerance: f64) -> 
 pub(crate) fn graded(
     status: SolveStatus,
     residuals: &Residuals,
-    objective: impl Fn() -> f64,
+    objective: f64,
     tolerance: f64,
 ) -> SolveStatus {
     let worst = residuals.worst();
@@ -103,7 +103,7 @@ pub(crate) fn graded(
         | SolveStatus::IterationLimit
         | SolveStatus::NumericalTrouble => {
             let gap = residuals.complementarity.absolute;
-            if worst <= tolerance && gap <= tolerance * objective().abs() {
+            if worst <= tolerance && gap <= tolerance * objective.abs() {
                 SolveStatus::Solved
             } else if worst <= usable_residual(tolerance) {
                 SolveStatus::SolvedInaccurate

@@ -187,15 +187,12 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
                 SolveStatus::NumericalTrouble
             }
             // Clarabel measures stationarity relative to |x|: an unbounded problem can drive x up until it says `Solved`.
-            status => {
-                let objective = || solution.objective;
-                graded(
-                    status,
-                    &solution.residuals,
-                    objective,
-                    self.settings.tolerance,
-                )
-            }
+            status => graded(
+                status,
+                &solution.residuals,
+                solution.objective,
+                self.settings.tolerance,
+            ),
         }
     }
 }

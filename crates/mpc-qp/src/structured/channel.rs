@@ -114,7 +114,14 @@ impl Channel {
     }
 
     /// Enters the bounds of value `index`; infinite ones are absent.
+    #[inline]
     pub(super) fn bound(&mut self, index: usize, lower: f64, upper: f64) {
+        if lower > f64::NEG_INFINITY || upper < f64::INFINITY {
+            self.bound_finite(index, lower, upper);
+        }
+    }
+
+    fn bound_finite(&mut self, index: usize, lower: f64, upper: f64) {
         if self.price == Price::Hard && coincide(lower, upper, 1.0) {
             self.fixed.push(Fixed {
                 index,

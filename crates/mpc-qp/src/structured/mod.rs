@@ -104,11 +104,10 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             self.write(status, solution);
         }
         let judging = Instant::now();
-        solution.residuals = Residuals::evaluate(problem, solution);
+        solution.evaluate(problem);
         self.judging += judging.elapsed();
-        let objective = || problem.objective(&solution.x, &solution.u, &solution.slacks);
         let tolerance = self.settings.tolerance;
-        solution.status = graded(status, &solution.residuals, objective, tolerance);
+        solution.status = graded(status, &solution.residuals, solution.objective, tolerance);
     }
 
     /// The careful pass after an answer that is not good enough; the better of the two stays.
@@ -296,7 +295,6 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for StructuredSolver<NX
         }
         solution.time = self.started.elapsed().saturating_sub(self.judging);
         solution.iterations = self.iterations;
-        solution.objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
         Ok(())
     }
 }

@@ -103,9 +103,9 @@ fn stop_is_an_answer_only_with_a_gap_that_is_small_beside_the_cost() {
         SolveStatus::NumericalTrouble,
     ] {
         // A gap of 1e-9 at a cost of 1e-9 is all of it.
-        let status = graded(stop, &residuals, || 1e-9, 1e-8);
+        let status = graded(stop, &residuals, 1e-9, 1e-8);
         assert_eq!(status, SolveStatus::SolvedInaccurate);
-        let status = graded(stop, &residuals, || 1.0, 1e-8);
+        let status = graded(stop, &residuals, 1.0, 1e-8);
         assert_eq!(status, SolveStatus::Solved);
     }
 }
