@@ -98,7 +98,7 @@ impl<const NX: usize, const NU: usize> Phase for Settle<'_, NX, NU> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Verdict {
         let newton = self.0;
-        newton.roll(lanes, true);
+        let cut = newton.roll(lanes, true);
         let mut verdict = Verdict::default();
         for channel in newton.channels() {
             verdict = verdict.and(channel.settle(lanes));
@@ -108,6 +108,7 @@ impl<const NX: usize, const NU: usize> Phase for Settle<'_, NX, NU> {
                 lanes,
                 at(&newton.states.v, newton.n - 1),
                 at(&newton.states.dv, newton.n - 1),
+                cut,
             ));
         }
         verdict

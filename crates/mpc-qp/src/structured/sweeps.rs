@@ -155,11 +155,16 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             right = verdict.changes == 0;
             // A method that cycles stops improving: better to leave early.
             if verdict.changes > patience.wrong
-                || (verdict.changes > 0 && verdict.changes >= fewest && sweep >= patience.free)
+                || (verdict.changes >= fewest && sweep >= patience.free)
             {
                 return false;
             }
-            fewest = fewest.min(verdict.changes.max(1));
+            // The ellipsoid linearised anew may ask for other bounds than those that were right before.
+            fewest = if right {
+                usize::MAX
+            } else {
+                fewest.min(verdict.changes)
+            };
         }
         false
     }

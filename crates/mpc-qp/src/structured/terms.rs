@@ -141,9 +141,10 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     }
 
     /// Forward pass: the steps of all values. With `clipped` the feedback of the inputs that the active-set guess leaves free is cut off
-    /// at their limits.
+    /// at their limits; true if any was.
     #[inline(always)]
-    pub(super) fn roll<L: Lanes>(&mut self, lanes: L, clipped: bool) {
+    pub(super) fn roll<L: Lanes>(&mut self, lanes: L, clipped: bool) -> bool {
+        let mut cut = false;
         let mut dx = [0.0; NX];
         let mut dp = [0.0; NU];
         for k in 0..self.n {
@@ -164,6 +165,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                     p[i] += last[i];
                 }
                 if self.clip(k, &mut u, &p, None) {
+                    cut = true;
                     for i in 0..NU {
                         du[i] = u[i] - self.u(k)[i];
                     }
@@ -181,6 +183,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             dp = du;
         }
         self.spread(lanes, true);
+        cut
     }
 
     #[inline(always)]

@@ -130,18 +130,24 @@ impl<const NX: usize> Cone<NX> {
         self.place != before
     }
 
-    /// Judges the guess after the step `dx` to `x`; a guess whose linearisation was too coarse is wrong too.
+    /// Judges the guess after the step `dx` to `x`; a guess whose linearisation was too coarse is wrong too. A step that was `cut` is not
+    /// that of the linearisation: times a weight of 1e10, what it misses would pass for a multiplier.
     pub(in crate::structured) fn settle<L: Lanes>(
         &mut self,
         lanes: L,
         x: &[f64; NX],
         dx: &[f64; NX],
+        cut: bool,
     ) -> Verdict {
         let offset = self.offset(x);
         let after = 0.5 * (dot(lanes, &offset, &offset) - 1.0);
         self.e = 0.0;
         let verdict = match self.place {
             Place::Inside => self.settle_inside(after),
+            Place::Held if cut => Verdict {
+                rough: true,
+                ..Verdict::default()
+            },
             Place::Held => self.settle_held(after, self.excess + dot(lanes, &self.gradient, dx)),
             Place::Beyond => self.settle_beyond(lanes, &offset, dx),
         };
