@@ -77,11 +77,12 @@ fn cancel<const N: usize>(lower: &mut SVector<f64, N>, upper: &mut SVector<f64, 
 ///
 /// A conic solver's ray leaves a little in every condition, measured against the largest entry of the ray. The adjoint recursion
 /// from the end yields costates that leave nothing in the states; what then remains in an input is added to the multiplier of the
-/// bound that it pushes against.
+/// bound that it pushes against. What it left on soft constraints, which have no part in a contradiction, is dropped first.
 pub(crate) fn make_exact<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     solution: &mut Solution<NX, NU>,
 ) {
+    drop_soft(problem, &mut solution.multipliers);
     let rest_in_state =
         |solution: &Solution<NX, NU>, k| of_constraints(problem, solution).state(k).sum;
     for k in (1..=problem.horizon()).rev() {
@@ -100,6 +101,37 @@ pub(crate) fn make_exact<const NX: usize, const NU: usize>(
         }
     }
     cancel_opposite_multipliers(&mut solution.multipliers);
+}
+
+fn drop_soft<const NX: usize, const NU: usize>(
+    problem: &OcpQp<NX, NU>,
+    multipliers: &mut Multipliers<NX, NU>,
+) {
+    let (softening, terminal) = (problem.softening(), &mut multipliers.terminal);
+    for stage in &mut multipliers.stages {
+        if softening.state_bounds.is_soft() {
+            stage.x_min.fill(0.0);
+            stage.x_max.fill(0.0);
+        }
+        if softening.rows.is_soft() {
+            stage.rows.fill(0.0);
+        }
+    }
+    if softening.state_bounds.is_soft() {
+        terminal.x_min.fill(0.0);
+        terminal.x_max.fill(0.0);
+    }
+    if softening.terminal_set.is_soft() {
+        match &mut terminal.set {
+            TerminalSetMultipliers::None => {}
+            TerminalSetMultipliers::Equality(multiplier) => multiplier.fill(0.0),
+            TerminalSetMultipliers::Polytope(multipliers) => multipliers.fill(0.0),
+            TerminalSetMultipliers::Ellipsoid { radius, offset } => {
+                *radius = 0.0;
+                offset.fill(0.0);
+            }
+        }
+    }
 }
 
 /// Gradient of what the constraints alone contribute to the Lagrangian.

@@ -162,7 +162,7 @@ fn terminal_set<const NX: usize, const NU: usize>(
 }
 
 /// Clarabel's verdict, checked against the problem where it claims a proof or an almost-solution; `usable` is the worst shared
-/// residual of an answer that is of use.
+/// residual of an answer that is of use. What it ends with in a breakdown may be a ray all the same.
 pub(super) fn status<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     verdict: SolverStatus,
@@ -171,32 +171,45 @@ pub(super) fn status<const NX: usize, const NU: usize>(
 ) -> SolveStatus {
     match verdict {
         SolverStatus::Solved => SolveStatus::Solved,
-        SolverStatus::PrimalInfeasible => proof(problem, solution),
         SolverStatus::MaxIterations => SolveStatus::IterationLimit,
         SolverStatus::MaxTime => SolveStatus::TimeLimit,
-        _ if solution.residuals.worst() <= usable => SolveStatus::SolvedInaccurate,
-        _ => SolveStatus::NumericalTrouble,
+        verdict
+            if verdict != SolverStatus::PrimalInfeasible
+                && solution.residuals.worst() <= usable =>
+        {
+            SolveStatus::SolvedInaccurate
+        }
+        _ => proof(problem, solution).unwrap_or(SolveStatus::NumericalTrouble),
     }
 }
 
-/// The ray as it came or made exact, whichever proves more.
+/// The multipliers as they came or made exact, whichever proves more; as they came if neither proves anything.
 fn proof<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
     solution: &mut Solution<NX, NU>,
-) -> SolveStatus {
+) -> Option<SolveStatus> {
+    let found = solution.multipliers.clone();
     cancel_opposite_multipliers(&mut solution.multipliers);
-    let (mut certificate, mut blame) = examine_certificate(problem, solution);
-    let given = solution.multipliers.clone();
+    let as_found = examine_certificate(problem, solution);
+    let cancelled = solution.multipliers.clone();
     make_exact(problem, solution);
     let exact = examine_certificate(problem, solution);
-    if exact.0.residual < certificate.residual {
-        (certificate, blame) = exact;
-    } else {
-        solution.multipliers = given;
-    }
-    if certificate.residual.is_finite() {
-        SolveStatus::PrimalInfeasible { certificate, blame }
-    } else {
-        SolveStatus::NumericalTrouble
+    let rays = [(exact, None), (as_found, Some(cancelled))];
+    let proofs = rays
+        .into_iter()
+        .filter(|((ray, _), _)| ray.is_proof(solution));
+    let best =
+        proofs.min_by(|((one, _), _), ((other, _), _)| one.residual.total_cmp(&other.residual));
+    match best {
+        Some(((certificate, blame), multipliers)) => {
+            if let Some(multipliers) = multipliers {
+                solution.multipliers = multipliers;
+            }
+            Some(SolveStatus::PrimalInfeasible { certificate, blame })
+        }
+        None => {
+            solution.multipliers = found;
+            None
+        }
     }
 }

@@ -178,22 +178,16 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         Ok(())
     }
 
-    /// The status that the shared residuals and the rule of proofs support.
+    /// The status that the shared residuals support: Clarabel measures stationarity relative to |x|, and an unbounded problem can drive x up
+    /// until it says `Solved`.
     fn graded(&self, solution: &Solution<NX, NU>) -> SolveStatus {
-        match solution.status {
-            SolveStatus::PrimalInfeasible { certificate, .. }
-                if !certificate.is_proof(solution) =>
-            {
-                SolveStatus::NumericalTrouble
-            }
-            // Clarabel measures stationarity relative to |x|: an unbounded problem can drive x up until it says `Solved`.
-            status => graded(
-                status,
-                &solution.residuals,
-                solution.objective,
-                self.settings.tolerance,
-            ),
-        }
+        let tolerance = self.settings.tolerance;
+        graded(
+            solution.status,
+            &solution.residuals,
+            solution.objective,
+            tolerance,
+        )
     }
 }
 

@@ -3,10 +3,10 @@
 use crate::answers;
 use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::{
-    ConstraintGroup, OcpQp, Place, Row, Solution, SolveStatus, Stage, Terminal, TerminalSet,
-    TerminalSetMultipliers,
+    ConstraintGroup, OcpQp, Penalty, Place, Row, Softening, Solution, SolveStatus, Stage, Terminal,
+    TerminalSet, TerminalSetMultipliers,
 };
-use nalgebra::{Matrix1, SVector, Vector1};
+use nalgebra::{Matrix1, Matrix2, SVector, Vector1, Vector2};
 
 /// Sum of numbers, and of their sizes for an estimate of rounding.
 #[derive(Default, Clone, Copy)]
@@ -167,5 +167,44 @@ fn row_that_only_the_given_state_enters_is_blamed() {
             (ConstraintGroup::Rows, Place::Stage(0)),
             "{solver}"
         );
+    }
+}
+
+// A ball on a plate (Ferreau's benchmark) that cannot be at rest in time, within bounds on position and speed that may give way.
+#[test]
+fn soft_constraints_have_no_part_in_a_proof() {
+    let mut stage = Stage::new(
+        Matrix2::new(1.0, 0.01, 0.0, 1.0),
+        Vector2::new(-0.0004, -0.0701),
+    );
+    stage.q = Matrix2::new(12.0, 0.0, 0.0, 0.2);
+    stage.r = Matrix1::new(2.0);
+    (stage.u_min[0], stage.u_max[0]) = (-0.0524, 0.0524);
+    (stage.x_min, stage.x_max) = (Vector2::new(-0.2, -0.1), Vector2::new(0.01, 0.1));
+    let mut terminal = Terminal::new(stage.q);
+    terminal.set = TerminalSet::Equality {
+        target: Vector2::zeros(),
+    };
+    let weight = 1e3;
+    for penalty in [Penalty::Exact { weight }, Penalty::Quadratic { weight }] {
+        let softening = Softening {
+            state_bounds: penalty,
+            ..Softening::default()
+        };
+        for (horizon, far) in [(1, 0.3), (1, 3.0), (5, 0.3), (5, 3.0), (20, 3.0)] {
+            let start = Vector2::new(-0.15, 0.05) * far;
+            let problem = OcpQp::new(start, vec![stage.clone(); horizon], terminal.clone());
+            let problem = problem.unwrap().with_softening(softening).unwrap();
+            for (solver, solution) in answers(&problem) {
+                let SolveStatus::PrimalInfeasible { certificate, blame } = solution.status else {
+                    panic!(
+                        "{solver}, N = {horizon}, {far} of the start: {:?}",
+                        solution.status
+                    );
+                };
+                assert!(certificate.residual <= 1e-7, "{solver}: {certificate:?}");
+                assert!(!blame.names(ConstraintGroup::StateBounds), "{solver}");
+            }
+        }
     }
 }
