@@ -26,6 +26,9 @@ const NEWTON_STEPS: usize = 60;
 /// Proximal steps of the elastic problem.
 const ELASTIC_STEPS: usize = 8;
 
+/// Weight of the proximal term of the elastic problem after a minimisation that did not converge.
+const HEAVY: f64 = 1e-2;
+
 /// Gradient of the proximal term that is no longer a correction: inputs that moved by 1e4 and more.
 const FAR: f64 = 1e-5;
 
@@ -220,8 +223,10 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             omega: 1.0,
             elastic: true,
         };
-        self.newton.set_cost(problem, PROXIMAL, true);
+        let mut proximal = PROXIMAL;
+        self.newton.set_cost(problem, proximal, true);
         for _ in 0..ELASTIC_STEPS {
+            let before = self.iterations;
             if !self.minimise(penalty) {
                 return None;
             }
@@ -233,7 +238,13 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 return Some(status);
             }
             self.drop_multipliers();
-            self.newton.set_cost(problem, PROXIMAL, true);
+            // Steps along flat directions end at the next kink: a heavier term shortens them, and grows lighter as they converge.
+            proximal = if self.iterations - before >= NEWTON_STEPS {
+                proximal.max(HEAVY)
+            } else {
+                (0.1 * proximal).max(PROXIMAL)
+            };
+            self.newton.set_cost(problem, proximal, true);
         }
         self.drop_multipliers();
         None

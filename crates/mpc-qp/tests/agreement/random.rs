@@ -179,6 +179,13 @@ proptest! {
     }
 }
 
+// Newton's steps on the elastic problem ended at one kink after the other, up to the iteration limit.
+#[test]
+fn contradiction_beside_flat_directions_is_proved() {
+    let seed = 1_400_512_916_742_579_142;
+    agree::<9, 3>(seed, &Recipe::infeasible(seed, 60)).unwrap();
+}
+
 // Measured: all of 750 of each kind.
 #[test]
 fn long_ordinary_problems_are_solved_or_refused_without_exception() {
