@@ -197,7 +197,7 @@ pub(super) fn error<const NX: usize, const NU: usize>(
     solution: &Solution<NX, NU>,
 ) -> f64 {
     let residuals = &solution.residuals;
-    let gap = residuals.complementarity.relative();
+    let gap = residuals.complementarity.absolute / cost_size(solution);
     gap.max(price_of_violation(problem, solution))
         .max(0.1 * residuals.worst())
 }
@@ -229,7 +229,12 @@ fn price_of_violation<const NX: usize, const NU: usize>(
             .dot(&multiplier.abs()),
         _ => 0.0,
     };
-    (of_dynamics + of_target) / solution.objective.abs().max(1.0)
+    (of_dynamics + of_target) / cost_size(solution)
+}
+
+/// What errors in the cost are compared with: the cost itself, unless it is next to nothing.
+fn cost_size<const NX: usize, const NU: usize>(solution: &Solution<NX, NU>) -> f64 {
+    solution.objective.abs().max(1e-5)
 }
 
 /// Multiple of the tolerance at which the relative duality gap calls for a second pass.

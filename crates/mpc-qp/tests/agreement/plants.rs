@@ -192,3 +192,35 @@ fn cart_hurries_to_a_stop() {
         }
     }
 }
+
+// A furnace with a wall (10 s a stage, time constants of hours, heat in watts) far too cold for its soft bounds. Clarabel has the answer only in the
+// given units: in its own they end without one.
+#[test]
+fn furnace_far_below_its_soft_bounds_is_heated() {
+    let walls = Matrix2::new(-1e-4, 1e-4, 1.0 / 6e4, -1.0 / 3e4);
+    let mut stage = sampled(walls, Vector2::new(1.0 / 1.5e6, 0.0), 10.0);
+    let target = Vector2::new(1.0, 0.5);
+    stage.q[(0, 0)] = 1.0;
+    stage.q_linear = -(stage.q * target);
+    (stage.r[0], stage.r_linear[0]) = (1e-8, 1e-6);
+    (stage.u_min[0], stage.u_max[0]) = (0.0, 5000.0);
+    (stage.x_min[0], stage.x_max[0]) = (-5.0, 8.0);
+    // Cost-to-go of the stage without bounds.
+    let mut terminal = Terminal::new(Matrix2::new(
+        15.285574433451204,
+        0.22136025826084,
+        0.22136025826084,
+        0.3374117623634481,
+    ));
+    terminal.p_linear = -(terminal.p * target);
+    (terminal.x_min, terminal.x_max) = (stage.x_min, stage.x_max);
+    let softening = Softening {
+        state_bounds: Penalty::Quadratic { weight: 1e3 },
+        ..Softening::default()
+    };
+    for horizon in [1, 5] {
+        let stages = vec![stage.clone(); horizon];
+        let problem = OcpQp::new(Vector2::new(-89.0, -104.5), stages, terminal.clone()).unwrap();
+        same_cost("furnace", &problem.with_softening(softening).unwrap());
+    }
+}
