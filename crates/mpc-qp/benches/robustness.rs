@@ -13,6 +13,9 @@ const SEEDS: std::ops::Range<u64> = 2000..2250;
 
 const LONGEST: usize = 60;
 
+/// Recipe of a seed with at most so many stages.
+type RecipeOf = fn(u64, usize) -> Recipe;
+
 /// Residual that a proof may have: ours are exact but for rounding where inputs are bounded.
 const PROOFS: [f64; 2] = [1e-7, 1e-4];
 
@@ -66,7 +69,7 @@ impl Account {
 
 fn both<const NX: usize, const NU: usize>(
     accounts: &mut [Account; 2],
-    recipe_of: fn(u64, usize) -> Recipe,
+    recipe_of: RecipeOf,
 ) -> Result<(), SolveError> {
     let settings = SolverSettings::default();
     for seed in SEEDS {
@@ -82,7 +85,7 @@ fn both<const NX: usize, const NU: usize>(
 }
 
 fn main() -> Result<(), SolveError> {
-    let kinds: [(&str, fn(u64, usize) -> Recipe); 4] = [
+    let kinds: [(&str, RecipeOf); 4] = [
         ("feasible, solved", Recipe::feasible),
         ("softened, solved", Recipe::softened),
         ("badly scaled, solved", Recipe::badly_scaled),
