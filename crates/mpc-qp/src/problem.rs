@@ -77,7 +77,7 @@ impl<const NX: usize, const NU: usize> OcpQp<NX, NU> {
         }
         finite(Place::Initial, "initial_state", &initial_state)?;
         for (k, stage) in stages.iter().enumerate() {
-            stage.validate(Place::Stage(k))?;
+            stage.validate(Place::Stage(k), None)?;
         }
         let shape_factor = terminal.validate()?;
         stages.iter_mut().for_each(Stage::normalise);
@@ -147,7 +147,7 @@ impl<const NX: usize, const NU: usize> OcpQp<NX, NU> {
                 found,
             });
         }
-        stage.validate(Place::Stage(k))?;
+        stage.validate(Place::Stage(k), Some(current))?;
         current.overwrite(stage);
         Ok(())
     }

@@ -99,16 +99,24 @@ impl<const NX: usize, const NU: usize> Stage<NX, NU> {
         self.a * x + self.b * u + self.c
     }
 
-    pub(crate) fn validate(&self, place: Place) -> Result<(), ProblemError> {
+    /// The weights are not looked at again where they are those of a stage that was `accepted`.
+    pub(crate) fn validate(
+        &self,
+        place: Place,
+        accepted: Option<&Self>,
+    ) -> Result<(), ProblemError> {
         finite(place, "a", &self.a)?;
         finite(place, "b", &self.b)?;
         finite(place, "c", &self.c)?;
         finite(place, "s", &self.s)?;
         finite(place, "q_linear", &self.q_linear)?;
         finite(place, "r_linear", &self.r_linear)?;
-        let q = symmetric(place, "q", &self.q)?;
-        let r = symmetric(place, "r", &self.r)?;
-        joint_positive_semidefinite(place, &q, &r, &self.s)?;
+        let known = |it: &Self| it.r == self.r && it.s == self.s && it.q == self.q;
+        if !accepted.is_some_and(known) {
+            let q = symmetric(place, "q", &self.q)?;
+            let r = symmetric(place, "r", &self.r)?;
+            joint_positive_semidefinite(place, &q, &r, &self.s)?;
+        }
         bounds(place, ["u", "u_min", "u_max"], &self.u_min, &self.u_max)?;
         bounds(
             place,

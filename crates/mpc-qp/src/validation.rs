@@ -24,8 +24,9 @@ pub(crate) fn finite<const M: usize, const N: usize>(
     field: &'static str,
     matrix: &SMatrix<f64, M, N>,
 ) -> Result<(), ProblemError> {
-    // A sum of products with zero is NaN exactly if some entry is not finite: one pass without branches.
-    if matrix.iter().fold(0.0, |sum, value| sum + value * 0.0) == 0.0 {
+    // One pass without branches.
+    let each = matrix.as_slice().iter().map(|value| value.is_finite());
+    if each.fold(true, |all, this| all & this) {
         return Ok(());
     }
     for column in 0..N {
@@ -265,6 +266,20 @@ pub(crate) fn factor<const N: usize>(
     })
 }
 
+/// Whether no diagonal entry is less than the sum of the sizes of the others in its column: a symmetric matrix is positive semidefinite
+/// then (Gershgorin), without a root or a division.
+fn is_diagonally_dominant<const N: usize>(matrix: &SMatrix<f64, N, N>) -> bool {
+    let dominates = |i: usize| {
+        2.0 * matrix[(i, i)]
+            >= matrix
+                .column(i)
+                .iter()
+                .map(|entry| entry.abs())
+                .sum::<f64>()
+    };
+    (0..N).all(dominates)
+}
+
 /// Checks `[Q S; S' R] >= 0` through the Schur complement of R.
 pub(crate) fn joint_positive_semidefinite<const NX: usize, const NU: usize>(
     place: Place,
@@ -296,6 +311,8 @@ pub(crate) fn joint_positive_semidefinite<const NX: usize, const NU: usize>(
     }
     if s.iter().any(|&entry| entry != 0.0) {
         complement -= w * w.transpose();
+    } else if is_diagonally_dominant(q) {
+        return Ok(());
     }
     semidefinite(&complement, &q.diagonal(), q.amax()).map_err(|(row, pivot)| {
         ProblemError::NotPositiveSemidefinite {
