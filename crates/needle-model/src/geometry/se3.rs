@@ -38,17 +38,20 @@ pub fn left_jacobian(xi: &Vector6<f64>) -> Matrix6<f64> {
     let c = Stumpff::at_squared_angle(phi.norm_squared());
     let f = hat(&phi);
     let j = Matrix3::identity() + f * c.c2 + f * f * c.c3;
-    block_upper(&j, &coupling(&hat(&rho), &f, &c))
+    block_upper(&j, &coupling(&rho, &phi, &c))
 }
 
-/// Upper right block Q of the left Jacobian, from rho^, phi^ and the coefficients at |phi|^2.
-fn coupling(r: &Matrix3<f64>, f: &Matrix3<f64>, c: &Stumpff) -> Matrix3<f64> {
-    let (fr, rf) = (f * r, r * f);
-    let frf = fr * f;
-    r * 0.5
-        + (fr + rf + frf) * c.c3
-        + (f * fr + rf * f - frf * 3.0) * c.c4
-        + (frf * f + f * frf) * (0.5 * (c.c4 - 3.0 * c.c5))
+/// Upper right block Q of the left Jacobian. The products of rho^ and phi^ are written out, with s = rho . phi:
+/// phi^ rho^ phi^ = -s phi^, and phi^ phi^ rho^ + rho^ phi^ phi^ = -|phi|^2 rho^ - s phi^.
+fn coupling(rho: &Vector3<f64>, phi: &Vector3<f64>, c: &Stumpff) -> Matrix3<f64> {
+    let s = rho.dot(phi);
+    let outer = rho * phi.transpose();
+    // C_2 = 1/2 - |phi|^2 C_4.
+    let mut q =
+        hat(&(rho * c.c2 + phi * (s * (2.0 * c.c4 - c.c3)))) + (outer + outer.transpose()) * c.c3;
+    q -= phi * phi.transpose() * (s * (c.c4 - 3.0 * c.c5));
+    let diagonal = s * (phi.norm_squared() * (c.c4 - 3.0 * c.c5) - 2.0 * c.c3);
+    q + Matrix3::from_diagonal_element(diagonal)
 }
 
 /// Right Jacobian: exp(xi + d) = exp(xi) exp(J_r(xi) d) to first order in d; J_r(xi) = J_l(-xi).
@@ -65,7 +68,7 @@ pub fn left_jacobian_inverse(xi: &Vector6<f64>) -> Matrix6<f64> {
     let f = hat(&phi);
     let j_inverse =
         Matrix3::identity() - f * 0.5 + f * f * inverse_jacobian_coefficient(squared_angle);
-    let q = coupling(&hat(&rho), &f, &Stumpff::at_squared_angle(squared_angle));
+    let q = coupling(&rho, &phi, &Stumpff::at_squared_angle(squared_angle));
     block_upper(&j_inverse, &-(j_inverse * q * j_inverse))
 }
 
@@ -73,6 +76,18 @@ pub fn left_jacobian_inverse(xi: &Vector6<f64>) -> Matrix6<f64> {
 #[must_use]
 pub fn right_jacobian_inverse(xi: &Vector6<f64>) -> Matrix6<f64> {
     left_jacobian_inverse(&-xi)
+}
+
+/// Product of two matrices of the form [[diagonal, upper], [0, diagonal]], which has that form again.
+pub(crate) fn block_upper_product(left: &Matrix6<f64>, right: &Matrix6<f64>) -> Matrix6<f64> {
+    let blocks = |m: &Matrix6<f64>| -> (Matrix3<f64>, Matrix3<f64>) {
+        (
+            m.fixed_view::<3, 3>(0, 0).into_owned(),
+            m.fixed_view::<3, 3>(0, 3).into_owned(),
+        )
+    };
+    let ((d, u), (e, v)) = (blocks(left), blocks(right));
+    block_upper(&(d * e), &(d * v + u * e))
 }
 
 /// [[diagonal, upper], [0, diagonal]].

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3x6, Matrix6, Matrix6x2, Vector3, Vector6};
 
 use crate::geometry::pose::Pose;
-use crate::geometry::se3::{adjoint, hat, left_jacobian_inverse};
+use crate::geometry::se3::{adjoint, block_upper_product, hat, left_jacobian_inverse};
 use crate::plant::needle::{Input, Needle, StepError, finite};
 
 /// Residual log(target^-1 f(pose, input)) of one step, and its Jacobians.
@@ -98,7 +98,7 @@ impl Needle {
         } = pose_residual(&predicted, target)?;
         let residual = StepResidual {
             value,
-            by_pose: outer * jacobians.a,
+            by_pose: block_upper_product(&outer, &jacobians.a),
             by_input: outer * jacobians.b,
             by_target,
             by_curvature: outer * jacobians.curvature,
@@ -127,7 +127,7 @@ pub fn pose_residual(pose: &Pose, reference: &Pose) -> Result<PoseResidual, Step
     let residual = PoseResidual {
         value,
         // J_r(xi)^-1 = J_l(xi)^-1 Ad(exp xi): one Jacobian serves both.
-        by_pose: left_inverse * adjoint(&relative),
+        by_pose: block_upper_product(&left_inverse, &adjoint(&relative)),
         by_reference: -left_inverse,
     };
     let sums = [value.sum(), residual.by_pose.sum(), left_inverse.sum()];
