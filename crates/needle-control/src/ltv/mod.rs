@@ -8,6 +8,7 @@
 //! curvature, which the nonlinear controller steers along the path (`nominal`).
 
 mod configuration;
+mod linearisation;
 mod nominal;
 mod regulator;
 mod step;
@@ -22,6 +23,7 @@ use crate::terminal::{
     ALL_COORDINATES, Chosen, DEPTH_AND_ROLL, Ingredients, RefusedChoice, TerminalChoice,
     TerminalRegion,
 };
+use linearisation::Linearisation;
 use lqr::Certificate;
 use mpc_qp::{OcpQp, SolveError};
 use nalgebra::{SMatrix, Vector6};
@@ -37,6 +39,7 @@ pub struct LinearController<const NX: usize> {
     follower: Follower,
     /// Where an estimate of the curvature may come; a straight needle has none.
     nominal: Option<Nominal>,
+    linearisation: Linearisation,
     regulator: Regulator<NX>,
     ingredients: Ingredients,
     chosen: TerminalChoice,
@@ -157,6 +160,7 @@ impl<const NX: usize> LinearController<NX> {
             coordinates,
             nominal: nominal.transpose()?,
             follower: Follower::new(needle, path, configuration.pursuit()),
+            linearisation: Linearisation::new(horizon, dt_s),
             regulator: Regulator::new(stage, horizon, limits, dt_s, &ingredients, make_solver)?,
             ingredients,
             chosen: choice,

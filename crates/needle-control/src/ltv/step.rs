@@ -127,23 +127,19 @@ impl<const NX: usize> LinearController<NX> {
     }
 
     fn linearise(&mut self) -> Result<(), StepError> {
-        let (tracker, dt_s) = (&self.follower.tracker, self.configuration.dt_s);
-        for k in 0..self.configuration.horizon {
-            let (here, next) = (&tracker.poses[k], &tracker.poses[k + 1]);
-            let link = self
-                .follower
-                .needle
-                .step_residual(here, tracker.inputs[k], next, dt_s)?
-                .solved_for_target();
+        let Follower {
+            needle, tracker, ..
+        } = &self.follower;
+        for (k, step) in self.linearisation.of(needle, tracker)?.enumerate() {
             let stage = self.regulator.stage_mut(k);
             for (i, &row) in self.coordinates.iter().enumerate() {
                 for (j, &column) in self.coordinates.iter().enumerate() {
-                    stage.a[(i, j)] = link.a[(row, column)];
+                    stage.a[(i, j)] = step.a[(row, column)];
                 }
                 for j in 0..2 {
-                    stage.b[(i, j)] = link.b[(row, j)];
+                    stage.b[(i, j)] = step.b[(row, j)];
                 }
-                stage.c[i] = link.c[row];
+                stage.c[i] = step.c[row];
             }
         }
         Ok(())
