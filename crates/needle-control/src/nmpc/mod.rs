@@ -14,7 +14,7 @@ mod shooting;
 mod spin;
 mod start;
 mod stray;
-mod terminal;
+pub(crate) mod terminal;
 
 pub use configuration::{Convergence, NmpcConfiguration, SpinTarget};
 pub use cost::NmpcWeights;

@@ -2,8 +2,9 @@
 //!
 //! A Riccati solution makes V = xi'P xi fall by exactly the stage cost along the *linearised* needle. For the needle itself the cost
 //! is computed from stage weights twice as large, which leaves as much as the stage cost itself for what linearisation leaves out,
-//! and the set is shrunk until V falls by the true stage cost from sampled points of it (the procedure of Chen and Allgoewer, 1998, with
-//! samples in place of a bound). The certificate names that check; samples are evidence, not proof.
+//! and the set is shrunk until the law's true change of the input keeps the rate limits where it is largest, and V falls by the true
+//! stage cost from sampled points (the procedure of Chen and Allgoewer, 1998, with samples in place of a bound). The certificate names both
+//! checks; samples are evidence, not proof.
 
 use super::configuration::{NmpcConfiguration, SpinTarget};
 use super::cost::PoseWeights;
@@ -12,17 +13,24 @@ use crate::terminal::{
     ALL_COORDINATES, Chosen, End, TerminalChoice, TerminalError, TerminalProblem,
 };
 use lqr::{Check, Witness};
-use nalgebra::{DMatrix, DVector, Matrix2, Matrix6, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix6, Vector2, Vector6};
 use needle_model::{Input, Needle, Pose, ReferencePath, StepError};
 
 /// Stage weights of the Riccati equation over those of the controller.
 const INFLATION: f64 = 2.0;
 
-/// Least (V - V+ - l) / V that samples must show: what lies between them may be worse by as much.
-const MARGIN: f64 = 1e-4;
+/// Least (V - V+ - l) / l that samples must show: what lies between them may be worse by as much. Without what linearisation leaves out
+/// it is `INFLATION - 1` everywhere, however slow the closed loop.
+const MARGIN: f64 = 0.01;
 
 /// Samples whose worst is a start of a descent, its first step on the unit sphere, and its steps.
 const DESCENT: (usize, f64, usize) = (250, 0.2, 40);
+
+/// Part of a rate limit that is left to what the search for the largest change does not find.
+const RATE_MARGIN: f64 = 1e-3;
+
+/// Largest rotation of an error in the set, rad: at half a turn its logarithm jumps.
+const LARGEST_TURN_RAD: f64 = 0.9 * std::f64::consts::PI;
 
 /// By how much the level shrinks between trials.
 const SHRINK: f64 = 0.8;
@@ -100,18 +108,25 @@ fn size_for(
         _ => path.inputs().len(),
     };
     let samples = (SAMPLES.0 / steps).max(SAMPLES.1);
+    let inputs = path.inputs();
+    let trials = (0..steps).map(|step| LawStep {
+        needle,
+        configuration,
+        wanted: inputs[step],
+        // After the last step of a path the law goes on about its own input.
+        wanted_next: *inputs.get(step + 1).unwrap_or(&inputs[step]),
+        here: chosen.ingredients.at(step),
+        next: chosen.ingredients.at(step + 1),
+    });
+    let trials: Vec<_> = trials.collect();
     let mut scale = 1.0;
+    for trial in &trials {
+        scale = trial.scale_within_rates(trial.scale_within_turn(scale))?;
+    }
     let mut worst = f64::NEG_INFINITY;
     for _ in 0..TRIALS {
         worst = f64::INFINITY;
-        for step in 0..steps {
-            let trial = Fall {
-                needle,
-                configuration,
-                wanted: path.inputs()[step],
-                here: chosen.ingredients.at(step),
-                next: chosen.ingredients.at(step + 1).p,
-            };
+        for trial in &trials {
             worst = worst.min(trial.least_margin(scale, samples));
             if worst < MARGIN {
                 break;
@@ -130,7 +145,7 @@ fn size_for(
         certificate.checks.push(Check {
             name: "decrease of the needle itself".to_owned(),
             condition: format!(
-                "(V - V+ - l) / V >= {MARGIN:e} at {samples} samples a step, and down from the worst, of the set scaled by {scale:.3}"
+                "(V - V+ - l) / l >= {MARGIN} at {samples} samples a step, and down from the worst, and rates kept, of the set scaled by {scale:.3}"
             ),
             holds,
             margin: worst - MARGIN,
@@ -142,16 +157,94 @@ fn size_for(
 }
 
 /// One step of the law from one step's set.
-struct Fall<'a> {
+struct LawStep<'a> {
     needle: Needle,
     configuration: &'a NmpcConfiguration,
     wanted: Input,
+    wanted_next: Input,
     here: End<'a>,
-    next: &'a DMatrix<f64>,
+    next: End<'a>,
 }
 
-impl Fall<'_> {
-    /// Least (V - V+ - l) / V over samples of the set's boundary, and of the boundary at half its half-axes, and downhill from the worst
+impl LawStep<'_> {
+    /// By how much the level is to be scaled, at most by `scale`, so that no error in the set turns too far.
+    fn scale_within_turn(&self, scale: f64) -> f64 {
+        let p = Matrix6::from_fn(|i, j| self.here.p[(i, j)]);
+        let (Some(level), Some(inverse)) = (self.here.level, p.try_inverse()) else {
+            return scale;
+        };
+        let turns = inverse.fixed_view::<3, 3>(3, 3).into_owned();
+        let farthest = level * turns.symmetric_eigenvalues().max();
+        scale.min(LARGEST_TURN_RAD.powi(2) / farthest)
+    }
+
+    /// By how much the level is to be scaled, at most by `scale`, so that the law's change of the input keeps the rate limits: from where
+    /// the linearised change is largest, P^-1 f of each row f, uphill to where the true one is.
+    fn scale_within_rates(&self, mut scale: f64) -> Result<f64, StepError> {
+        let p = Matrix6::from_fn(|i, j| self.here.p[(i, j)]);
+        let (Some(level), Some(k), Some(k_next), Some(factor)) =
+            (self.here.level, self.here.k, self.next.k, p.cholesky())
+        else {
+            return Ok(scale);
+        };
+        let jacobians = self
+            .needle
+            .linearise(self.wanted, self.configuration.dt_s)?;
+        let change = k_next * (jacobians.a + jacobians.b * k) - k;
+        let upper = factor.l().transpose();
+        for row in change.row_iter() {
+            let row = Vector6::from_fn(|i, _| row[i]);
+            let Some(outward) = (upper * factor.solve(&row)).try_normalize(0.0) else {
+                continue;
+            };
+            for start in [outward, -outward] {
+                let left = |direction: &Vector6<f64>| {
+                    let xi = upper.solve_upper_triangular(direction);
+                    let used =
+                        xi.and_then(|xi| self.share_of_rates(&(xi * (level * scale).sqrt())));
+                    used.map_or(f64::NEG_INFINITY, |used| -used)
+                };
+                let used = -descended((left(&start), start), left);
+                if used > 1.0 - RATE_MARGIN {
+                    scale *= ((1.0 - RATE_MARGIN) / used).powi(2);
+                }
+            }
+        }
+        Ok(scale)
+    }
+
+    /// The largest share of a rate limit that the law uses after its step from an error.
+    fn share_of_rates(&self, xi: &Vector6<f64>) -> Option<f64> {
+        let (input, after) = self.step(xi).ok()??;
+        let next = self.law(self.next, self.wanted_next, &after)?;
+        let NmpcConfiguration { limits, dt_s, .. } = self.configuration;
+        let change = Vector2::new(
+            (next.v_mm_s - input.v_mm_s) / limits.v_rate_max_mm_s2,
+            (next.omega_rad_s - input.omega_rad_s) / limits.omega_rate_max_rad_s2,
+        );
+        Some(change.amax() / dt_s)
+    }
+
+    fn law(&self, end: End<'_>, wanted: Input, xi: &Vector6<f64>) -> Option<Input> {
+        let deviation = end.k? * xi;
+        Some(Input {
+            v_mm_s: wanted.v_mm_s + deviation[0],
+            omega_rad_s: wanted.omega_rad_s + deviation[1],
+        })
+    }
+
+    /// The law's input at an error and the needle's error after it; `None` without a law.
+    fn step(&self, xi: &Vector6<f64>) -> Result<Option<(Input, Vector6<f64>)>, StepError> {
+        let Some(input) = self.law(self.here, self.wanted, xi) else {
+            return Ok(None);
+        };
+        let dt_s = self.configuration.dt_s;
+        let reference = self.needle.step(&Pose::identity(), self.wanted, dt_s)?;
+        let pose = self.needle.step(&Pose::exp(xi), input, dt_s)?;
+        Ok(Some((input, pose.error_from(&reference))))
+    }
+
+    /// Least (V - V+ - l) / l over samples of the set's boundary, and of the boundary at half its half-axes, and downhill from the worst
     /// of each block of them. Without a set, a law or a step from a sample nothing holds.
     fn least_margin(&self, scale: f64, samples: usize) -> f64 {
         let p = Matrix6::from_fn(|i, j| self.here.p[(i, j)]);
@@ -180,26 +273,16 @@ impl Fall<'_> {
         least
     }
 
-    /// (V - V+ - l) / V of the law's step from an error; `None` without a law.
+    /// (V - V+ - l) / l of the law's step from an error; `None` without a law.
     fn margin(&self, xi: &Vector6<f64>) -> Result<Option<f64>, StepError> {
-        let Some(k) = self.here.k else {
+        let Some((input, after)) = self.step(xi)? else {
             return Ok(None);
         };
-        let (dt_s, weights) = (self.configuration.dt_s, &self.configuration.weights);
-        let deviation = k * xi;
-        let input = Input {
-            v_mm_s: self.wanted.v_mm_s + deviation[0],
-            omega_rad_s: self.wanted.omega_rad_s + deviation[1],
-        };
-        let (reference, pose) = (Pose::identity(), Pose::exp(xi));
-        let spent =
-            weights.running().of_pose(&pose, &reference) + weights.of_input(input, self.wanted);
-        let reference = self.needle.step(&reference, self.wanted, dt_s)?;
-        let after = self.needle.step(&pose, input, dt_s)?.error_from(&reference);
-        let value = xi.dot(&(self.here.p * xi));
-        Ok(Some(
-            (value - after.dot(&(self.next * after)) - spent) / value,
-        ))
+        let weights = &self.configuration.weights;
+        let spent = weights.running().of_pose(&Pose::exp(xi), &Pose::identity())
+            + weights.of_input(input, self.wanted);
+        let fall = xi.dot(&(self.here.p * xi)) - after.dot(&(self.next.p * after));
+        Ok(Some((fall - spent) / spent))
     }
 }
 
@@ -208,7 +291,7 @@ fn descended(
     (mut least, mut here): (f64, Vector6<f64>),
     function: impl Fn(&Vector6<f64>) -> f64,
 ) -> f64 {
-    // Differences of a margin of 1e-3, known to 1e-12 or so.
+    // Differences of margins of 0.01 and more, known to 1e-10 or so.
     const DIFFERENCE: f64 = 1e-5;
     let (_, mut reach, steps) = DESCENT;
     for _ in 0..steps {

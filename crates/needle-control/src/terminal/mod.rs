@@ -9,6 +9,8 @@ mod ingredients;
 mod pair;
 mod problem;
 mod region;
+#[cfg(test)]
+mod rollouts;
 
 pub(crate) use ingredients::{End, Ingredients};
 pub(crate) use problem::{ALL_COORDINATES, Chosen, DEPTH_AND_ROLL, TerminalProblem};
