@@ -69,34 +69,57 @@ fn full_bend_is_held_from_a_start_outside_it() {
     assert!(largest < 1.01, "{largest}");
 }
 
+/// A millimetre off to every side; the second round turned about the tangent as well.
+fn to_every_side() -> Vec<Pose> {
+    let mut draw = Deviates::seeded(11);
+    let start = |eighth: u32| {
+        let angle = f64::from(eighth) * std::f64::consts::FRAC_PI_4;
+        let roll_rad = match eighth < 8 {
+            true => 0.0,
+            false => draw.uniform() - 0.5,
+        };
+        Pose::exp(&Vector6::new(
+            angle.cos(),
+            angle.sin(),
+            0.0,
+            0.0,
+            0.0,
+            roll_rad,
+        ))
+    };
+    (0..16).map(start).collect()
+}
+
 #[test]
 fn a_millimetre_off_an_arc_one_iteration_ends_no_farther_than_pid() {
-    let mut draw = Deviates::seeded(11);
     for ratio in [0.8, 0.9, 1.0] {
-        for eighth in 0..16 {
-            // To every side; the second round turned about the tangent as well.
-            let angle = f64::from(eighth) * std::f64::consts::FRAC_PI_4;
-            let roll_rad = match eighth < 8 {
-                true => 0.0,
-                false => draw.uniform() - 0.5,
-            };
-            let start = Pose::exp(&Vector6::new(
-                angle.cos(),
-                angle.sin(),
-                0.0,
-                0.0,
-                0.0,
-                roll_rad,
-            ));
+        for start in to_every_side() {
             let (_, pid) = by_pid(ratio, start);
             let (_, nmpc) = by_nmpc(ratio, start, Convergence::RealTime);
             // A tenth, and the tracking error of a spinning needle.
             assert!(
                 nmpc <= 1.1 * pid + 0.01,
-                "{ratio}, {angle}, {roll_rad}: {nmpc} mm, {pid} mm by PID"
+                "{ratio}, {start:?}: {nmpc} mm, {pid} mm by PID"
             );
         }
     }
+}
+
+#[test]
+fn a_millimetre_off_an_arc_of_0_95_one_iteration_ends_nearer_than_pid_but_outside_the_arc() {
+    let (mut nmpc, mut pid) = (Vec::new(), Vec::new());
+    for start in to_every_side() {
+        pid.push(by_pid(0.95, start).1);
+        nmpc.push(by_nmpc(0.95, start, Convergence::RealTime).1);
+    }
+    // From outside PID ends at 0.03 mm, this at 0.11; beside that at 0.09, this at 0.006; from the other sides 1 to 4 mm off, this within
+    // 0.03, from one turned start 0.65.
+    let mean = |ends: &[f64]| ends.iter().sum::<f64>() / ends.len() as f64;
+    let farthest = |ends: &[f64]| ends.iter().copied().fold(0.0, f64::max);
+    assert!(
+        mean(&nmpc) < 0.1 * mean(&pid) && farthest(&nmpc) < 0.25 * farthest(&pid),
+        "{nmpc:?} mm, {pid:?} mm by PID"
+    );
 }
 
 #[test]
