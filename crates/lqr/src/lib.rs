@@ -21,8 +21,9 @@ pub use modes::mode::{Stabilisability, UncontrollableMode, UnobservableMode};
 pub use modes::spectrum::{SpectrumError, discrete_lyapunov, spectral_radius};
 pub use modes::subspace::{ControllableSubspace, controllable_subspace};
 pub use riccati::conditioning::{Conditioning, NearLoss};
-pub use riccati::dare::{Dare, DareSolution};
+pub use riccati::dare::Dare;
 pub use riccati::dare_error::DareError;
+pub use riccati::dare_solution::DareSolution;
 pub use terminal_set::constraints::{
     Constraint, ConstraintError, ConstraintKind, Constraints, LawRow,
 };

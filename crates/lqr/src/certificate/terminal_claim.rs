@@ -16,7 +16,8 @@ use crate::certificate::checks::{
 use crate::certificate::record::{Certificate, Check, Rigour};
 use crate::input::{self, InputError};
 use crate::modes::spectrum::lyapunov_sum;
-use crate::riccati::dare::{Dare, DareSolution};
+use crate::riccati::dare::Dare;
+use crate::riccati::dare_solution::DareSolution;
 use crate::riccati::problem::Problem;
 use crate::terminal_set::constraints::{Constraints, LawRow};
 use crate::terminal_set::ellipsoid::{Ellipsoid, TerminalSetError};

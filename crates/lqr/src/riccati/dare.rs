@@ -8,30 +8,11 @@
 
 use crate::input::InputError;
 use crate::riccati::balance::Balanced;
-use crate::riccati::conditioning::Conditioning;
 use crate::riccati::dare_error::DareError;
+use crate::riccati::dare_solution::DareSolution;
 use crate::riccati::problem::Problem;
 use crate::riccati::verdict;
-use faer::{Mat, MatRef};
-
-/// The stabilising solution.
-#[derive(Debug, Clone)]
-pub struct DareSolution {
-    /// Cost-to-go V(x) = x'Px, n x n, symmetric.
-    pub p: Mat<f64>,
-    /// Gain of u = Kx, m x n.
-    pub k: Mat<f64>,
-    /// Spectral radius of A + BK, below one.
-    pub spectral_radius: f64,
-    /// |right side - P| / max(|P|, |Q|), Frobenius norms, Joseph form.
-    pub relative_residual: f64,
-    /// Condition number of P in the one-norm; infinite for a singular P.
-    pub condition: f64,
-    /// Doubling and Newton steps together.
-    pub iterations: usize,
-    /// Present where something is nearly lost.
-    pub warning: Option<Conditioning>,
-}
+use faer::MatRef;
 
 /// A discrete algebraic Riccati equation, ready to be solved.
 #[derive(Debug, Clone)]

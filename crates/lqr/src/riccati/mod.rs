@@ -4,6 +4,7 @@ pub(crate) mod balance;
 pub(crate) mod conditioning;
 pub(crate) mod dare;
 pub(crate) mod dare_error;
+pub(crate) mod dare_solution;
 pub(crate) mod doubling;
 pub(crate) mod extended_solution;
 pub(crate) mod padded;
