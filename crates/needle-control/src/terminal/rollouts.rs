@@ -349,6 +349,9 @@ fn linear_sets_are_as_large_as_the_law_keeps_limits_and_cost_along_the_error_dyn
                 used < 1.0 + ROUNDING && fall > -ROUNDING,
                 "{kind:?} {reference}: {used} of a limit, fall {fall}"
             );
+            // About one input the level is the largest of all.
+            let one = kind == TerminalChoice::HelixDare;
+            assert!(!one || used > 1.0 - ROUNDING, "{reference}: {used}");
             // A fifth more breaks a limit, though one box stands for the limits about every input of a path that varies by a tenth.
             let (beyond, _) = sets.worst(1.2, 0, &mut draw);
             assert!(beyond > 1.0, "{kind:?} {reference}: {beyond}");
