@@ -50,6 +50,16 @@ impl From<terminal::End<'_>> for Form {
     }
 }
 
+impl Form {
+    /// The cost alone.
+    pub(crate) fn without_set(self) -> Self {
+        Self {
+            level: None,
+            ..self
+        }
+    }
+}
+
 /// What the rows of the last stage are made from.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Takeover {
@@ -60,6 +70,11 @@ pub(crate) struct Takeover {
 }
 
 impl HorizonEnd {
+    /// Whether the horizon is to end in a set.
+    pub(crate) fn has_set(&self) -> bool {
+        matches!(self, Self::Form(Form { level: Some(_), .. }))
+    }
+
     /// Cost of the last pose.
     pub(crate) fn of_pose(&self, pose: &Pose, reference: &Pose) -> f64 {
         match self {

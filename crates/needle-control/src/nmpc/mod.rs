@@ -27,6 +27,7 @@ use crate::follower::Follower;
 use crate::plan_solver::{PlanSolver, boxed, structured};
 use crate::survival::Sample;
 use crate::terminal::{ALL_COORDINATES, Chosen, RefusedChoice, TerminalChoice, TerminalRegion};
+use end::Form;
 use lqr::Certificate;
 use mpc_qp::{ConstraintGroup, OcpQp, SolveError, SolveStatus};
 use needle_model::{Input, Needle, Pose, ReferencePath};
@@ -133,15 +134,20 @@ impl NmpcController {
     }
 
     /// What is claimed of the terminal ingredients, check by check; `None` without a terminal set. The last check is about the needle
-    /// itself, the others about the linearised one. All are about the model's curvature: an estimate that differs voids them.
+    /// itself, the others about the linearised one. All are about the model's curvature: under an estimate that is more than 0.1 % off they
+    /// say nothing, and the set is left out.
     #[must_use]
     pub fn certificate(&self) -> Option<&Certificate> {
         self.chosen.ingredients.certificate.as_ref()
     }
 
-    /// Where the terminal set of the last step wants the tip at the horizon's end; `None` without a set.
+    /// Where the terminal set of the last step wants the tip at the horizon's end; `None` without a set, or where another curvature is
+    /// estimated than the set is about.
     #[must_use]
     pub fn terminal_region(&self) -> Option<TerminalRegion> {
+        if self.follower.needle_differs() {
+            return None;
+        }
         let tracker = &self.follower.tracker;
         TerminalRegion::at_horizon_end(tracker, &self.chosen.ingredients, ALL_COORDINATES)
     }
@@ -217,7 +223,10 @@ impl NmpcController {
     /// Improves the plan from `pose`; false if no usable plan results.
     fn improve(&mut self, pose: &Pose, sample: &Sample, started: Instant) -> bool {
         let NmpcConfiguration { horizon, dt_s, .. } = self.configuration;
-        let form = self.chosen.form(self.follower.tracker.step() + horizon);
+        let mut form = self.chosen.form(self.follower.tracker.step() + horizon);
+        if self.follower.needle_differs() {
+            form = form.map(Form::without_set);
+        }
         let stray = Stray::at(pose, &self.follower, dt_s);
         self.shooting.weigh(form, &stray);
         if self.planned.is_none() {
@@ -250,7 +259,7 @@ impl NmpcController {
     /// Moves the plan by one real-time iteration; false if that leads nowhere. The cost says nothing of the way into a terminal set: with
     /// one the step is taken in full.
     fn take_real_time_step(&mut self, reach_s: f64) -> bool {
-        if self.chosen.ingredients.has_sets() {
+        if self.shooting.end.has_set() {
             return self.shooting.take_full_step();
         }
         self.shooting.take_falling_step(&self.follower, reach_s)

@@ -172,3 +172,23 @@ fn cost_of_the_needle_itself_falls_by_the_stage_cost() {
         .count();
     assert!(feasible > 5, "{feasible}");
 }
+
+#[test]
+fn an_estimated_curvature_voids_the_nonlinear_set() {
+    let path = path(needle(), HELIX, 100);
+    let configuration = certified(TerminalChoice::HelixDare);
+    let mut controller = NmpcController::new(needle(), path, configuration).unwrap();
+    // Too far off for the set to be reached within the horizon.
+    let far = Pose::exp(&Vector6::new(4.0, -4.0, 0.0, 0.0, 0.0, 0.0));
+    let untold = controller.step(&Measurement::of(far), 0.0).origin;
+    assert!(matches!(untold, Origin::Degraded { .. }), "{untold:?}");
+    assert!(controller.terminal_region().is_some());
+    controller.reset();
+    let told = Measurement {
+        curvature_per_mm: Some(0.9 * needle().curvature_per_mm()),
+        ..Measurement::of(far)
+    };
+    let told = controller.step(&told, 0.0).origin;
+    assert_eq!(told, Origin::Optimal);
+    assert!(controller.terminal_region().is_none());
+}
