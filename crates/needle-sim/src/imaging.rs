@@ -1,4 +1,4 @@
-//! The sensors of a scenario: readings at their own rate, with noise, late, some of them lost.
+//! The sensors of a scenario: readings at their own rate, with noise, late, some of them lost, alone or in outages.
 
 use crate::random::{Purpose, Stream};
 use crate::scenario::{Scenario, Sensors};
@@ -25,6 +25,8 @@ pub(crate) struct Imaging {
     noise: Stream,
     /// Readings taken so far, lost ones included.
     taken: u64,
+    /// Reading that is the first after the last outage.
+    outage_until: u64,
     on_their_way: VecDeque<Reading>,
 }
 
@@ -34,6 +36,7 @@ impl Imaging {
             sensors: scenario.sensors,
             noise: Stream::new(scenario.seed, run_index, Purpose::Sensors),
             taken: 0,
+            outage_until: 0,
             on_their_way: VecDeque::new(),
         }
     }
@@ -46,6 +49,7 @@ impl Imaging {
             tangent_std_rad: tilt,
             roll_std_rad: roll,
             dropout_probability,
+            dropout_readings,
             ..
         } = self.sensors;
         let due = (now_s + TIME_TOLERANCE_S) / period_s;
@@ -60,8 +64,10 @@ impl Imaging {
             .noise
             .normals()
             .component_mul(&Vector3::new(tilt, tilt, roll));
-        let lost = self.noise.uniform() < dropout_probability;
-        if lost {
+        if self.noise.uniform() < dropout_probability {
+            self.outage_until = due as u64 + dropout_readings;
+        }
+        if (due as u64) < self.outage_until {
             return;
         }
         // The roll last, about the measured tangent.

@@ -19,8 +19,10 @@ pub struct Sensors {
     pub roll_measured: bool,
     /// Standard deviation of the roll, rad.
     pub roll_std_rad: f64,
-    /// Probability that a reading is lost.
+    /// Probability that readings are lost from one on, drawn at each.
     pub dropout_probability: f64,
+    /// Readings in a row that are then lost.
+    pub dropout_readings: u64,
 }
 
 impl Default for Sensors {
@@ -35,6 +37,7 @@ impl Default for Sensors {
             roll_measured: true,
             roll_std_rad: 0.0,
             dropout_probability: 0.0,
+            dropout_readings: 1,
         }
     }
 }
@@ -61,7 +64,7 @@ impl Sensors {
         keys.flag("roll_measured", &mut self.roll_measured, about);
         let about = "standard deviation of the roll";
         keys.number("roll_std_rad", &mut self.roll_std_rad, size, about);
-        let about = "probability that a reading is lost";
+        let about = "probability that readings are lost from one on, drawn at each";
         let share = Allowed::FRACTION;
         keys.number(
             "dropout_probability",
@@ -69,5 +72,8 @@ impl Sensors {
             share,
             about,
         );
+        let about = "readings in a row that are then lost: an outage";
+        let readings = &mut self.dropout_readings;
+        keys.count("dropout_readings", readings, (1, 1_000_000), about);
     }
 }

@@ -125,6 +125,23 @@ fn another_sensor_does_not_change_the_plant() {
     assert!(quiet[5].measured != noisy[5].measured);
 }
 
+#[test]
+fn an_outage_loses_as_many_readings_in_a_row_as_asked_for_from_where_single_ones_are_lost() {
+    let lost = |keys: &str| -> Vec<bool> {
+        let record = sensed(keys);
+        let seen = |step: &StepRecord| step.measured.is_none();
+        record.steps.iter().map(seen).collect()
+    };
+    let single = lost("dropout_probability = 0.1");
+    let outages = lost("dropout_probability = 0.1\ndropout_readings = 4");
+    // The same draws: an outage begins wherever one is lost, and goes on from the last of them.
+    let expected: Vec<_> = (0..single.len())
+        .map(|k| single[k.saturating_sub(3)..=k].contains(&true))
+        .collect();
+    assert_eq!(outages, expected);
+    assert!(single.contains(&true) && expected.contains(&false));
+}
+
 /// Half of the readings lost, and all for about a second here and there: the filter predicts, the predictive controllers go on.
 #[test]
 fn with_half_of_the_readings_lost_the_needle_stays_near_the_path_and_the_limits_hold() {
