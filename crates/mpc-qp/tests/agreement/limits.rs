@@ -33,7 +33,7 @@ fn no_phase_takes_more_iterations_than_allowed() {
 }
 
 #[test]
-fn iteration_limit_is_the_end_of_points_that_are_no_answer() {
+fn point_is_an_answer_by_its_residuals_whatever_stopped_the_solver() {
     let mut short = 0;
     for seed in 1..5 {
         let problem = Tracking::default()
@@ -49,8 +49,8 @@ fn iteration_limit_is_the_end_of_points_that_are_no_answer() {
                 solver.solve(&problem, Start::Cold, &mut solution).unwrap();
                 // 1000 tolerances are what an inaccurate answer may leave.
                 let (status, worst) = (solution.status, solution.residuals.worst());
-                let no_answer = status == SolveStatus::IterationLimit;
-                assert_eq!(no_answer, worst > 1e-5, "{name}: {status:?}, {worst:e}");
+                let answer = status.has_solution();
+                assert_eq!(answer, worst <= 1e-5, "{name}: {status:?}, {worst:e}");
                 let inaccurate = status == SolveStatus::SolvedInaccurate;
                 short += usize::from(inaccurate && name == "Clarabel");
             }
