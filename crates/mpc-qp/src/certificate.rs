@@ -26,9 +26,12 @@ pub struct InfeasibilityCertificate {
 }
 
 /// A ray is a proof if no trajectory with a 1-norm up to the reciprocal of this is feasible, in units in which the data's sizes are near
-/// one, nor any of ten times the size of the trajectory at hand. Wrong signs count alike.
-const PROOF: f64 = 1e-7;
+/// one, nor any of ten times the size of the trajectory at hand.
+const PROOF: f64 = 1e-6;
 const BEYOND_REACH: f64 = 10.0;
+
+/// Wrong signs above which a ray proves nothing.
+const PROOF_SIGNS: f64 = 1e-7;
 
 impl InfeasibilityCertificate {
     /// What a ray is worth that proves nothing.
@@ -45,7 +48,7 @@ impl InfeasibilityCertificate {
         let of_states: f64 = solution.x[1..].iter().map(|x| x.lp_norm(1)).sum();
         let of_inputs: f64 = solution.u.iter().map(|u| u.lp_norm(1)).sum();
         let far = BEYOND_REACH * (of_states + of_inputs);
-        self.residual <= PROOF.min(far.recip()) && self.sign_violation <= PROOF
+        self.residual <= PROOF.min(far.recip()) && self.sign_violation <= PROOF_SIGNS
     }
 }
 

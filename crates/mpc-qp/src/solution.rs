@@ -24,7 +24,7 @@ pub enum SolveStatus {
     /// Optimal to a looser tolerance, 1000 times as large, between 1e-5 and 1e-3; read [`Solution::residuals`].
     SolvedInaccurate,
     /// No trajectory satisfies the hard constraints; [`Solution::multipliers`] is a ray that proves it of every trajectory with a
-    /// 1-norm up to 1e7 (in the units of the solve) and up to ten times that of the trajectory in here; the certificate's residual says up to
+    /// 1-norm up to 1e6 (in the units of the solve) and up to ten times that of the trajectory in here; the certificate's residual says up to
     /// which in the given units.
     PrimalInfeasible {
         /// How good the proof is.

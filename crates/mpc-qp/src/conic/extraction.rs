@@ -173,12 +173,10 @@ pub(super) fn status<const NX: usize, const NU: usize>(
         SolverStatus::Solved => SolveStatus::Solved,
         SolverStatus::MaxIterations => SolveStatus::IterationLimit,
         SolverStatus::MaxTime => SolveStatus::TimeLimit,
-        verdict
-            if verdict != SolverStatus::PrimalInfeasible
-                && solution.residuals.worst() <= usable =>
-        {
-            SolveStatus::SolvedInaccurate
+        SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => {
+            proof(problem, solution).unwrap_or(SolveStatus::NumericalTrouble)
         }
+        _ if solution.residuals.worst() <= usable => SolveStatus::SolvedInaccurate,
         _ => proof(problem, solution).unwrap_or(SolveStatus::NumericalTrouble),
     }
 }

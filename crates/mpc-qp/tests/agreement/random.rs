@@ -113,7 +113,7 @@ fn agree<const NX: usize, const NU: usize>(
         proves_the_contradiction(recipe, &ours, 1e-7)?;
         // Where every input is bounded, its ray is made exact.
         let bounded = recipe.contradiction == Some(ConstraintGroup::TerminalSet);
-        proves_the_contradiction(recipe, &theirs, if bounded { 1e-10 } else { 1e-4 })?;
+        proves_the_contradiction(recipe, &theirs, if bounded { 1e-10 } else { 1e-6 })?;
         return Ok(None);
     }
     solves(recipe, &ours)?;
