@@ -45,10 +45,19 @@ impl InfeasibilityCertificate {
         &self,
         solution: &Solution<NX, NU>,
     ) -> bool {
+        self.residual <= PROOF
+            && self.refutes_beyond(solution)
+            && self.sign_violation <= PROOF_SIGNS
+    }
+
+    /// Whether the ray refutes ten times the size of the trajectory in `solution`.
+    pub(crate) fn refutes_beyond<const NX: usize, const NU: usize>(
+        &self,
+        solution: &Solution<NX, NU>,
+    ) -> bool {
         let of_states: f64 = solution.x[1..].iter().map(|x| x.lp_norm(1)).sum();
         let of_inputs: f64 = solution.u.iter().map(|u| u.lp_norm(1)).sum();
-        let far = BEYOND_REACH * (of_states + of_inputs);
-        self.residual <= PROOF.min(far.recip()) && self.sign_violation <= PROOF_SIGNS
+        self.residual.is_finite() && self.residual * BEYOND_REACH * (of_states + of_inputs) <= 1.0
     }
 }
 

@@ -113,7 +113,15 @@ impl Residuals {
     ) -> Self {
         let mut residuals = Self::default();
         if solution.check_shape(problem).is_err() {
-            residuals.constraints.record(f64::INFINITY, 0.0);
+            for of_another in [
+                &mut residuals.stationarity,
+                &mut residuals.dynamics,
+                &mut residuals.constraints,
+                &mut residuals.multiplier_signs,
+                &mut residuals.complementarity,
+            ] {
+                of_another.record(f64::INFINITY, 0.0);
+            }
             return residuals;
         }
         residuals.add_stationarity(problem, solution);

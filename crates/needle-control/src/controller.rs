@@ -112,8 +112,8 @@ pub trait Controller {
     fn step(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_>;
 
     /// Tells the input that the robot has held since the last step, where it is not the one that came back: a safety layer cut it, or the
-    /// needle moves already as the controller takes over. The next change counts from it. A component that is no number counts as rest,
-    /// one outside the limits as at the limit. A controller without limits of rate has nothing to learn from it.
+    /// needle moves already as the controller takes over. The next change counts from it. A component that is not finite tells nothing,
+    /// one outside the limits counts as at the limit. A controller without limits of rate has nothing to learn from it.
     fn applied(&mut self, input: Input);
 
     /// Forgets plans, integrators and progress, as if newly made: of a needle at rest, unless [`Controller::applied`] tells otherwise.

@@ -82,10 +82,14 @@ impl InputLimits {
         }
     }
 
-    /// The input inside the box nearest to `wanted`, whatever was held before. A component that is not a number counts as rest.
-    #[must_use]
-    pub fn nearest(&self, wanted: Input) -> Input {
-        self.admissible(wanted, wanted, f64::INFINITY)
+    /// What was held, by what is told of it: inside the box; a component that is not finite tells nothing.
+    pub(crate) fn held(&self, told: Input, before: Input) -> Input {
+        let known = |told: f64, before: f64| if told.is_finite() { told } else { before };
+        let held = Input {
+            v_mm_s: known(told.v_mm_s, before.v_mm_s),
+            omega_rad_s: known(told.omega_rad_s, before.omega_rad_s),
+        };
+        self.admissible(held, held, f64::INFINITY)
     }
 
     /// The admissible input nearest to `wanted`, after `previous` was held before and `dt_s` later. A component that is

@@ -25,8 +25,8 @@ pub(crate) struct Imaging {
     noise: Stream,
     /// Readings taken so far, lost ones included.
     taken: u64,
-    /// Reading that is the first after the last outage.
-    outage_until: u64,
+    /// Readings that the present outage has yet to take.
+    outage: u64,
     on_their_way: VecDeque<Reading>,
 }
 
@@ -36,7 +36,7 @@ impl Imaging {
             sensors: scenario.sensors,
             noise: Stream::new(scenario.seed, run_index, Purpose::Sensors),
             taken: 0,
-            outage_until: 0,
+            outage: 0,
             on_their_way: VecDeque::new(),
         }
     }
@@ -65,9 +65,10 @@ impl Imaging {
             .normals()
             .component_mul(&Vector3::new(tilt, tilt, roll));
         if self.noise.uniform() < dropout_probability {
-            self.outage_until = due as u64 + dropout_readings;
+            self.outage = dropout_readings;
         }
-        if (due as u64) < self.outage_until {
+        if self.outage > 0 {
+            self.outage -= 1;
             return;
         }
         // The roll last, about the measured tangent.

@@ -206,7 +206,7 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> for ClarabelSolver<NX, 
                 error(problem, solution)
             })?;
             self.judging += natural.leave(problem, self.settings.tolerance, solution);
-            self.mend_as_given(&clock, problem, solution)?;
+            self.mend_as_given(&clock, problem, &natural, solution)?;
         } else {
             self.solve_in(&clock, problem, solution, |found| error(problem, found))?;
         }

@@ -10,6 +10,7 @@ use crate::problem::OcpQp;
 use crate::solution::{Solution, SolveStatus};
 use crate::solver::{SolverSettings, graded, usable_residual};
 use crate::terminal::TerminalSet;
+use crate::units::Natural;
 use clarabel::solver::IPSolver;
 use std::time::{Duration, Instant};
 
@@ -49,6 +50,7 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         &mut self,
         clock: &Instant,
         problem: &OcpQp<NX, NU>,
+        natural: &Natural<NX, NU>,
         solution: &mut Solution<NX, NU>,
     ) -> Result<(), SolveError> {
         if solution.status.is_settled() || self.rest(clock, solution).is_none() {
@@ -73,7 +75,9 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         self.judging += second.judging;
         self.as_given = Some(second);
         let iterations = solution.iterations + other.iterations;
-        let nearer = other.residuals.worst() < solution.residuals.worst();
+        let (status, worst) = natural.judged_inside(&other, &mut other.clone(), rest.tolerance);
+        other.status = status;
+        let nearer = other.residuals.worst().max(worst) < solution.residuals.worst();
         let answered = solution.status.has_solution();
         match other.status {
             SolveStatus::Solved => *solution = other,

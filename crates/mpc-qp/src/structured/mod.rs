@@ -32,12 +32,10 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-use crate::certificate::examine_certificate;
 use crate::error::SolveError;
 use crate::problem::OcpQp;
-use crate::residuals::Residuals;
 use crate::solution::{Solution, SolveStatus};
-use crate::solver::{OcpSolver, SolverSettings, Start, downgraded, graded};
+use crate::solver::{OcpSolver, SolverSettings, Start, graded};
 use crate::units::Natural;
 use kernel::{Lanes, Phase, run};
 use newton::Newton;
@@ -184,7 +182,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     }
 
     /// Solves the problem in its given units if the answer in others is not good enough for them; the better of the two in the worse of
-    /// the units stays. A point that is within tolerances in the given units alone is no answer, nor is such a ray a proof.
+    /// the units stays.
     fn mend_as_given(
         &mut self,
         problem: &OcpQp<NX, NU>,
@@ -198,27 +196,14 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let worst = worst.max(natural.solution.residuals.worst());
         self.unit = 1.0;
         run(Load(&mut self.newton, problem));
-        let mended = &mut natural.solution;
-        self.solve_loaded(problem, Start::Cold, mended);
-        let ended = mended.status;
-        let inside = &mut self.first;
-        natural.units.convert_solution(mended, inside);
+        self.solve_loaded(problem, Start::Cold, &mut natural.solution);
+        let ended = natural.solution.status;
         let judging = Instant::now();
-        inside.residuals = Residuals::evaluate(&natural.problem, inside);
+        let (status, found) =
+            natural.judged_inside(&natural.solution, &mut self.first, self.settings.tolerance);
         self.judging += judging.elapsed();
-        let found = inside.residuals.worst();
-        mended.status = match ended {
-            SolveStatus::PrimalInfeasible { .. } => {
-                let (certificate, _) = examine_certificate(&natural.problem, inside);
-                if certificate.is_proof(inside) {
-                    ended
-                } else {
-                    SolveStatus::NumericalTrouble
-                }
-            }
-            status if status.has_solution() => downgraded(status, found, self.settings.tolerance),
-            status => status,
-        };
+        let mended = &mut natural.solution;
+        mended.status = status;
         let better = mended.residuals.worst().max(found) < worst;
         if mended.status.is_settled() || (better && mended.status.has_solution()) {
             std::mem::swap(mended, solution);

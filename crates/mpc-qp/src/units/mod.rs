@@ -10,6 +10,7 @@ mod conversion;
 
 use crate::certificate::examine_certificate;
 use crate::problem::OcpQp;
+use crate::residuals::Residuals;
 use crate::solution::{Solution, SolveStatus};
 use crate::solver::{downgraded, usable_residual};
 use crate::terminal::TerminalSet;
@@ -112,6 +113,31 @@ impl<const NX: usize, const NU: usize> Natural<NX, NU> {
         judging
     }
 
+    /// What an answer found in the given units is worth in these, `inside` being its copy here: its status, and its worst residual. A
+    /// point that is within tolerances in the given units alone is no answer, nor is such a ray a proof.
+    pub(crate) fn judged_inside(
+        &self,
+        found: &Solution<NX, NU>,
+        inside: &mut Solution<NX, NU>,
+        tolerance: f64,
+    ) -> (SolveStatus, f64) {
+        self.units.convert_solution(found, inside);
+        inside.residuals = Residuals::evaluate(&self.problem, inside);
+        let worst = inside.residuals.worst();
+        let status = match found.status {
+            SolveStatus::PrimalInfeasible { .. } => {
+                let (certificate, _) = examine_certificate(&self.problem, inside);
+                match certificate.is_proof(inside) {
+                    true => found.status,
+                    false => SolveStatus::NumericalTrouble,
+                }
+            }
+            status if status.has_solution() => downgraded(status, worst, tolerance),
+            status => status,
+        };
+        (status, worst)
+    }
+
     fn judged(
         &self,
         problem: &OcpQp<NX, NU>,
@@ -122,7 +148,8 @@ impl<const NX: usize, const NU: usize> Natural<NX, NU> {
         match self.solution.status {
             SolveStatus::PrimalInfeasible { .. } => {
                 let (certificate, blame) = examine_certificate(problem, solution);
-                if certificate.is_proof(solution) {
+                // That it is one in its own units has been looked at; here it refutes what is of the trajectory's size.
+                if certificate.refutes_beyond(solution) {
                     SolveStatus::PrimalInfeasible { certificate, blame }
                 } else {
                     SolveStatus::NumericalTrouble

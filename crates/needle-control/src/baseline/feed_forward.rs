@@ -55,7 +55,7 @@ impl Controller for FeedForward {
     }
 
     fn applied(&mut self, input: Input) {
-        self.held = self.settings.limits.nearest(input);
+        self.held = self.settings.limits.held(input, self.held);
     }
 
     fn reset(&mut self) {

@@ -102,7 +102,7 @@ impl<L: SteeringLaw> Controller for LawController<L> {
     }
 
     fn applied(&mut self, input: Input) {
-        self.held = self.tracker.settings.limits.nearest(input);
+        self.held = self.tracker.settings.limits.held(input, self.held);
     }
 
     fn reset(&mut self) {

@@ -203,7 +203,7 @@ impl<const NX: usize> LinearController<NX> {
     /// Where the terminal set of the last step wants the tip at the horizon's end; `None` without a set.
     #[must_use]
     pub fn terminal_region(&self) -> Option<TerminalRegion> {
-        if self.is_nominal() {
+        if self.is_nominal() || self.follower.needle_differs() {
             return None;
         }
         let tracker = &self.follower.tracker;

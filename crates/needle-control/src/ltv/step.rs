@@ -73,7 +73,7 @@ impl<const NX: usize> LinearController<NX> {
         let mut end = self
             .ingredients
             .at(tracker.step() + self.configuration.horizon);
-        if self.is_nominal() {
+        if self.is_nominal() || self.follower.needle_differs() {
             // The set is about the reference and the model's curvature.
             end.level = None;
         }

@@ -120,8 +120,11 @@ fn size_for(
     });
     let trials: Vec<_> = trials.collect();
     let mut scale = 1.0;
+    for step in 0..=steps {
+        scale = scale_within_turn(&chosen.ingredients.at(step), scale);
+    }
     for trial in &trials {
-        scale = trial.scale_within_rates(trial.scale_within_turn(scale))?;
+        scale = trial.scale_within_rates(scale)?;
     }
     let mut worst = f64::NEG_INFINITY;
     for _ in 0..TRIALS {
@@ -166,18 +169,18 @@ struct LawStep<'a> {
     next: End<'a>,
 }
 
-impl LawStep<'_> {
-    /// By how much the level is to be scaled, at most by `scale`, so that no error in the set turns too far.
-    fn scale_within_turn(&self, scale: f64) -> f64 {
-        let p = Matrix6::from_fn(|i, j| self.here.p[(i, j)]);
-        let (Some(level), Some(inverse)) = (self.here.level, p.try_inverse()) else {
-            return scale;
-        };
-        let turns = inverse.fixed_view::<3, 3>(3, 3).into_owned();
-        let farthest = level * turns.symmetric_eigenvalues().max();
-        scale.min(LARGEST_TURN_RAD.powi(2) / farthest)
-    }
+/// By how much the level is to be scaled, at most by `scale`, so that no error in the set turns too far.
+fn scale_within_turn(end: &End<'_>, scale: f64) -> f64 {
+    let p = Matrix6::from_fn(|i, j| end.p[(i, j)]);
+    let (Some(level), Some(inverse)) = (end.level, p.try_inverse()) else {
+        return scale;
+    };
+    let turns = inverse.fixed_view::<3, 3>(3, 3).into_owned();
+    let farthest = level * turns.symmetric_eigenvalues().max();
+    scale.min(LARGEST_TURN_RAD.powi(2) / farthest)
+}
 
+impl LawStep<'_> {
     /// By how much the level is to be scaled, at most by `scale`, so that the law's change of the input keeps the rate limits: from where
     /// the linearised change is largest, P^-1 f of each row f, uphill to where the true one is.
     fn scale_within_rates(&self, mut scale: f64) -> Result<f64, StepError> {
@@ -198,14 +201,18 @@ impl LawStep<'_> {
                 continue;
             };
             for start in [outward, -outward] {
-                let left = |direction: &Vector6<f64>| {
-                    let xi = upper.solve_upper_triangular(direction);
-                    let used =
-                        xi.and_then(|xi| self.share_of_rates(&(xi * (level * scale).sqrt())));
-                    used.map_or(f64::NEG_INFINITY, |used| -used)
-                };
-                let used = -descended((left(&start), start), left);
-                if used > 1.0 - RATE_MARGIN {
+                // The reference's own change is part of what is used: a set that is smaller by the excess uses less, but not by as much.
+                for _ in 0..TRIALS {
+                    let left = |direction: &Vector6<f64>| {
+                        let xi = upper.solve_upper_triangular(direction);
+                        let used =
+                            xi.and_then(|xi| self.share_of_rates(&(xi * (level * scale).sqrt())));
+                        used.map_or(f64::NEG_INFINITY, |used| -used)
+                    };
+                    let used = -descended((left(&start), start), left);
+                    if used <= 1.0 - RATE_MARGIN {
+                        break;
+                    }
                     scale *= ((1.0 - RATE_MARGIN) / used).powi(2);
                 }
             }

@@ -4,7 +4,7 @@
 //! A step, or its half, quarter or eighth, is taken if it lowers the cost or the sum of the defects below those of every iterate before it
 //! (a filter, Fletcher and Leyffer, 2002): with one weight between the two, defects of some microns forbid the long turns of roll that a
 //! path close to the needle's bend takes. A Levenberg-Marquardt term on the change of roll grows while steps fail and shrinks while
-//! they succeed. Where nothing helps the search goes on, once, from the simulation of its inputs, which has no defect.
+//! they succeed. Where nothing helps the search goes on, once, from the closest simulation of its inputs met so far, which has no defect.
 
 use super::ReconstructionError;
 use mpc_qp::{
@@ -123,7 +123,7 @@ impl<'a> Search<'a> {
         self.solver
             .solve(&self.program, Start::Cold, &mut self.solution)?;
         let solved = self.solution.status.has_solution();
-        if solved && self.step_size() < STATIONARY {
+        if solved && self.damping <= DAMPING[0] && self.step_size() < STATIONARY {
             self.progress = Progress::Settled;
             return Ok(());
         }
@@ -166,7 +166,9 @@ impl<'a> Search<'a> {
             return false;
         };
         let change = (found.cost - self.merit.cost).abs();
-        let settled = change < SETTLED[0] * self.merit.cost && found.gap < SETTLED[1];
+        // A step that is cut or held back tells nothing of the end.
+        let whole = part == 1.0 && self.damping <= DAMPING[0];
+        let settled = whole && change < SETTLED[0] * self.merit.cost && found.gap < SETTLED[1];
         let passes = |before: &Merit| {
             found.cost < before.cost * (1.0 - f64::EPSILON) || found.gap < before.gap * (1.0 - FALL)
         };
@@ -189,7 +191,11 @@ impl<'a> Search<'a> {
     fn moved(&self, part: f64) -> Iterate {
         let poses = self.here.poses.iter().zip(&self.solution.x);
         let inputs = self.here.inputs.iter().zip(&self.solution.u);
-        let toward = |old: f64, new: f64| old + part * (new - old);
+        // A whole step ends where the limits were kept, to the last digit.
+        let toward = |old: f64, new: f64| match part < 1.0 {
+            true => old + part * (new - old),
+            false => new,
+        };
         Iterate {
             poses: poses.map(|(pose, x)| pose.perturbed(&(x * part))).collect(),
             inputs: inputs

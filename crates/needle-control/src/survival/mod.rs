@@ -109,7 +109,7 @@ impl Guard {
 
     /// Takes an input for the one applied last.
     pub(crate) fn hold(&mut self, input: Input) {
-        self.previous = self.limits.nearest(input);
+        self.previous = self.limits.held(input, self.previous);
     }
 
     /// Passes a measurement through the clock and the gate.

@@ -21,6 +21,9 @@ pub enum Tracking {
 /// Samples ahead among which the nearest point is looked for, and time past the end after which the path counts as done.
 const LOOKAHEAD: usize = 20;
 
+/// Samples from which on a time without a measurement is a gap, in which the needle may have gone any way.
+const GAP: f64 = 3.0;
+
 /// Distance along the last tangent at which the end of the path counts as reached, mm.
 const END_TOLERANCE_MM: f64 = 0.02;
 
@@ -93,7 +96,11 @@ impl Tracker {
         match (self.tracking, pose) {
             (Tracking::Progress, Some(pose)) => {
                 let travelled_s = self.travelled_s(elapsed_s, v_mm_s);
-                self.project(&pose.position_mm, travelled_s.unwrap_or(elapsed_s));
+                let travelled_s = match elapsed_s < GAP * self.dt_s {
+                    true => travelled_s.unwrap_or(elapsed_s),
+                    false => f64::INFINITY,
+                };
+                self.project(&pose.position_mm, travelled_s);
             }
             (Tracking::Progress, None) => {
                 let travelled_s = self.travelled_s(elapsed_s, v_mm_s).unwrap_or(0.0);
@@ -151,7 +158,7 @@ impl Tracker {
     }
 
     /// Moves to the nearest point. A tip that seems to be farther ahead than the needle can have come by more than a sample is followed
-    /// at twice its pace: one glitch within the gate must not cost the rest of the path.
+    /// at twice its pace: one glitch within the gate must not cost the rest of the path. At first, and after a gap, it is believed.
     fn project(&mut self, position_mm: &Vector3<f64>, travelled_s: f64) {
         let path = &self.path;
         let most_s = match self.progress {

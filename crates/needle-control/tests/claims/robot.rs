@@ -25,6 +25,11 @@ fn the_next_change_counts_from_the_input_that_the_robot_applied() {
                 controller.reset();
             }
             controller.applied(applied);
+            // What is no number tells nothing.
+            controller.applied(Input {
+                v_mm_s: f64::INFINITY,
+                omega_rad_s: f64::NAN,
+            });
             let next = controller.step(&Measurement::of(path.poses()[step]), on_time(step));
             let what = format!("{name}, reset {reset}: {:?}, {:?}", next.input, next.origin);
             assert!(inside(next.input, applied, DT_S), "{what}");
