@@ -75,7 +75,9 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
         self.judging += second.judging;
         self.as_given = Some(second);
         let iterations = solution.iterations + other.iterations;
+        let judging = Instant::now();
         let (status, worst) = natural.judged_inside(&other, &mut other.clone(), rest.tolerance);
+        self.judging += judging.elapsed();
         other.status = status;
         let nearer = other.residuals.worst().max(worst) < solution.residuals.worst();
         let answered = solution.status.has_solution();

@@ -45,12 +45,12 @@ pub(super) fn words(summary: &CampaignSummary, folder: &Path) -> String {
 
 fn of_cell(cell: &CellSummary) -> String {
     let spread = |name: &str, spread: &Option<Spread>, digits: usize| match spread {
-        None => format!("  {name:<28} -\n"),
+        None => format!("  {name:<34} -\n"),
         Some(spread) => {
             let ends = spread.mean.low.zip(spread.mean.high);
             let ends = ends.map(|(low, high)| format!(" [{low:.digits$}, {high:.digits$}]"));
             format!(
-                "  {name:<28} mean {:.digits$}{}, median {:.digits$}, 95 % {:.digits$}, worst {:.digits$}{}\n",
+                "  {name:<34} mean {:.digits$}{}, median {:.digits$}, 95 % {:.digits$}, worst {:.digits$}{}\n",
                 spread.mean.value,
                 ends.unwrap_or_default(),
                 spread.median.value,

@@ -203,7 +203,7 @@ impl<const NX: usize> LinearController<NX> {
     /// Where the terminal set of the last step wants the tip at the horizon's end; `None` without a set.
     #[must_use]
     pub fn terminal_region(&self) -> Option<TerminalRegion> {
-        if self.is_nominal() || self.follower.needle_differs() {
+        if self.leaves_set_out() {
             return None;
         }
         let tracker = &self.follower.tracker;

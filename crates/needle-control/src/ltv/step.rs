@@ -73,8 +73,7 @@ impl<const NX: usize> LinearController<NX> {
         let mut end = self
             .ingredients
             .at(tracker.step() + self.configuration.horizon);
-        if self.is_nominal() || self.follower.needle_differs() {
-            // The set is about the reference and the model's curvature.
+        if self.leaves_set_out() {
             end.level = None;
         }
         let answer = self
@@ -121,9 +120,9 @@ impl<const NX: usize> LinearController<NX> {
         stood_in.unwrap_or_else(|| tracker.input_before())
     }
 
-    /// Whether a nominal needle stands in for the reference.
-    pub(super) fn is_nominal(&self) -> bool {
-        self.nominal.as_ref().is_some_and(Nominal::in_force)
+    /// Whether the terminal set says nothing: it is about the reference, where a nominal needle may stand in, and the model's curvature.
+    pub(super) fn leaves_set_out(&self) -> bool {
+        self.nominal.as_ref().is_some_and(Nominal::in_force) || self.follower.needle_differs()
     }
 
     fn linearise(&mut self) -> Result<(), StepError> {

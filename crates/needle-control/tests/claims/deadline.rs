@@ -3,16 +3,14 @@
 use crate::faulty_solver::{self, Fault, Switch};
 use crate::linear::{HELIX, needle, path};
 use crate::scene::{DT_S, Scene};
-use mpc_qp::SolveStatus;
 use nalgebra::Vector6;
 use needle_control::{
-    Controller, LinearConfiguration, LtvController, Measurement, NmpcConfiguration, NmpcController,
-    Origin, Survival,
+    Controller, LinearConfiguration, Measurement, NmpcConfiguration, Origin, Survival,
 };
 use needle_model::Pose;
 use std::time::Duration;
 
-const DEADLINE: Duration = Duration::from_millis(400);
+const DEADLINE: Duration = Duration::from_secs(1);
 
 fn within(deadline: Duration) -> Survival {
     Survival {
@@ -70,53 +68,36 @@ fn late_steps_at_horizon_100_take_the_shifted_plan_and_say_so() {
     assert_told("nonlinear", &origins(&mut nmpc, &switch));
 }
 
-/// Checks that steps beyond the deadline are not applied and that most programs were cut short; returns the least overrun of twenty steps.
-fn overrun(
+/// The time that each solve of three good steps was given, a list a step.
+fn limits(
     controller: &mut impl Controller,
-    deadline: Duration,
+    switch: &Switch,
     told_per_mm: Option<f64>,
-) -> Duration {
-    let mut applied_late = Vec::new();
-    let mut cut_short = 0;
-    let least = (0..20)
-        .map(|sample| {
-            let depth_mm = 0.5 * f64::from(sample);
-            let pose = Pose::exp(&Vector6::new(0.5, -0.5, depth_mm, 0.05, 0.02, 1.0));
-            let measurement = Measurement {
-                curvature_per_mm: told_per_mm,
-                ..Measurement::of(pose)
-            };
-            let step = controller.step(&measurement, f64::from(sample) * DT_S);
-            let bridged = matches!(
-                step.origin,
-                Origin::ShiftedPlan { .. } | Origin::Stop { .. }
-            );
-            // The controller looks at its clock before the statistics are written: a hundred microseconds between the two.
-            if !bridged && step.statistics.time > deadline + Duration::from_micros(100) {
-                applied_late.push((step.origin, step.statistics.time));
-            }
-            cut_short += usize::from(step.statistics.status == Some(SolveStatus::TimeLimit));
-            step.statistics.time.saturating_sub(deadline)
-        })
-        .min()
-        .unwrap();
-    // A machine that does other things may interrupt a step between the two looks, but not step after step.
-    assert!(applied_late.len() < 3, "{applied_late:?}");
-    // A program that runs to its end is no matter for the clock alone.
-    assert!(cut_short >= 10, "{cut_short}");
-    least
+) -> Vec<Vec<Duration>> {
+    let step = |sample: u32| {
+        let depth_mm = 0.5 * f64::from(sample);
+        let pose = Pose::exp(&Vector6::new(0.5, -0.5, depth_mm, 0.05, 0.02, 1.0));
+        let measurement = Measurement {
+            curvature_per_mm: told_per_mm,
+            ..Measurement::of(pose)
+        };
+        controller.step(&measurement, f64::from(sample) * DT_S);
+        switch.take_limits()
+    };
+    (0..3).map(step).collect()
 }
 
 #[test]
-fn steps_at_horizon_100_end_at_the_deadline() {
-    // Far less than a cold start takes, so that every program is cut short.
-    let deadline = Duration::from_micros(300);
+fn a_solver_gets_what_is_left_of_the_deadline() {
+    // Far more than three steps take, on whatever machine: the claim is about what is handed on, not about speed.
+    let deadline = Duration::from_secs(1000);
+    let switch = Switch::default();
     let linear = LinearConfiguration {
         horizon: 100,
         survival: within(deadline),
         ..LinearConfiguration::default()
     };
-    let mut ltv = LtvController::new(needle(), path(needle(), HELIX, 300), linear).unwrap();
+    let mut ltv = faulty_solver::ltv(needle(), path(needle(), HELIX, 300), linear, &switch);
     let mut told = ltv.clone();
     let weak_per_mm = 0.9 * needle().curvature_per_mm();
     let scene = Scene::default();
@@ -125,17 +106,24 @@ fn steps_at_horizon_100_end_at_the_deadline() {
         survival: within(deadline),
         ..NmpcConfiguration::default()
     };
-    let mut nmpc = NmpcController::new(scene.model, scene.path(), nonlinear).unwrap();
-    // Linearising and one iteration of the solver cannot be interrupted: 2 ms each in this profile. The least of twenty, as a
-    // machine that does other things interrupts a step for longer; without a deadline a fresh nonlinear plan takes 100 ms.
-    let most = Duration::from_millis(20);
-    let overruns = [
-        overrun(&mut ltv, deadline, None),
-        overrun(&mut told, deadline, Some(weak_per_mm)),
-        overrun(&mut nmpc, deadline, None),
-    ];
-    assert!(
-        overruns.iter().all(|overrun| *overrun < most),
-        "{overruns:?}"
-    );
+    let mut nmpc = faulty_solver::nmpc(scene.model, scene.path(), nonlinear, &switch);
+    let mut programs = 0;
+    for (name, steps) in [
+        ("time-varying", limits(&mut ltv, &switch, None)),
+        ("told", limits(&mut told, &switch, Some(weak_per_mm))),
+        ("nonlinear", limits(&mut nmpc, &switch, None)),
+    ] {
+        for given in steps {
+            assert!(
+                !given.is_empty() && given[0] < deadline,
+                "{name}: {given:?}"
+            );
+            assert!(
+                given.is_sorted_by(|before, after| before > after),
+                "{name}: {given:?}"
+            );
+            programs = programs.max(given.len());
+        }
+    }
+    assert!(programs > 1, "no step solved more than one program");
 }

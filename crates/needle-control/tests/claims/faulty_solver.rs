@@ -35,17 +35,25 @@ pub(crate) fn infeasible() -> Fault {
     })
 }
 
-/// Tells the solvers of one controller what to do.
+/// Tells the solvers of one controller what to do, and keeps what they are told.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Switch(Arc<Mutex<Option<Fault>>>);
+pub(crate) struct Switch {
+    fault: Arc<Mutex<Option<Fault>>>,
+    limits: Arc<Mutex<Vec<Duration>>>,
+}
 
 impl Switch {
     pub(crate) fn set(&self, fault: Option<Fault>) {
-        *self.0.lock().unwrap() = fault;
+        *self.fault.lock().unwrap() = fault;
     }
 
     fn get(&self) -> Option<Fault> {
-        *self.0.lock().unwrap()
+        *self.fault.lock().unwrap()
+    }
+
+    /// The times that the solvers were given since the last call.
+    pub(crate) fn take_limits(&self) -> Vec<Duration> {
+        std::mem::take(&mut self.limits.lock().unwrap())
     }
 }
 
@@ -66,6 +74,10 @@ impl<const NX: usize> Faulty<NX> {
 }
 
 impl<const NX: usize> OcpSolver<NX, 2> for Faulty<NX> {
+    fn set_time_limit(&mut self, limit: Option<Duration>) {
+        self.switch.limits.lock().unwrap().extend(limit);
+    }
+
     fn solve(
         &mut self,
         problem: &OcpQp<NX, 2>,

@@ -48,8 +48,8 @@ fn moved(tip: Pose, by_mm: f64) -> Pose {
 }
 
 /// Longer than [`DEADLINE`].
-const LATE: Fault = Fault::Late(Duration::from_millis(60));
-const DEADLINE: Duration = Duration::from_millis(50);
+const LATE: Fault = Fault::Late(Duration::from_millis(220));
+const DEADLINE: Duration = Duration::from_millis(200);
 
 const DISTURBANCES: [Disturbance; 14] = [
     Disturbance {
