@@ -1,13 +1,13 @@
 //! Certificates of a chain: V(i, x) = x'P_i x, laws K_i, sets X_i = { V(i, x) <= c_i }.
 //!
-//! For each stage i: V(i+1, x+) - V(i, x) <= -l, that is P_i - A_i'P_{i+1}A_i - l_i >= 0 with A_i the closed loop; c_i <= c_{i+1}, so that X_i maps into X_{i+1};
+//! The last cost is positive definite. For each stage i: V(i+1, x+) - V(i, x) <= -l, that is P_i - A_i'P_{i+1}A_i - l_i >= 0 with A_i the closed loop; c_i <= c_{i+1}, so that X_i maps into X_{i+1};
 //! and every row of the constraints over X_i. A rate there is K_{i+1}x+ - K_i x; after the last stage its own gain is taken to go on.
 //! What follows the last set is the caller's: a terminal set certified on its own.
 
 use crate::arithmetic::dense::{add_scaled, congruence, identity, mul, norm, symmetrise};
 use crate::arithmetic::exact::Exact;
 use crate::certificate::checks::{
-    ExactLaw, admissibility_check, admissible, malformed, semidefinite,
+    ExactLaw, admissibility_check, admissible, bounds_of_cost, malformed, semidefinite,
 };
 use crate::certificate::record::{Certificate, Check, Rigour};
 use crate::chain::backward::{BackwardChain, Stage, validated};
@@ -180,7 +180,8 @@ impl ChainClaim {
         if let Err(error) = self.validate() {
             return malformed(rigour, &error);
         }
-        let mut checks = Vec::new();
+        // The decrease carries the bounds of the last cost back through the chain.
+        let mut checks = bounds_of_cost(&self.p[self.problems.len()], rigour);
         for (i, problem) in self.problems.iter().enumerate() {
             let exact = (rigour == Rigour::Exact).then(|| ExactLaw::new(problem, &self.k[i]));
             let (p, next) = (&self.p[i], &self.p[i + 1]);
