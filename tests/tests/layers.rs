@@ -20,26 +20,8 @@ const LAYERS: [(&str, &[&str]); 8] = [
         "crates/needle-cli",
         &["needle-model", "needle-control", "needle-sim"],
     ),
-    (
-        "xtask",
-        &[
-            "needle-model",
-            "lqr",
-            "mpc-qp",
-            "needle-control",
-            "needle-sim",
-        ],
-    ),
-    (
-        "tests",
-        &[
-            "needle-model",
-            "lqr",
-            "mpc-qp",
-            "needle-control",
-            "needle-sim",
-        ],
-    ),
+    ("xtask", &["needle-sim"]),
+    ("tests", &["needle-model", "lqr", "needle-control"]),
 ];
 
 fn root() -> &'static Path {
