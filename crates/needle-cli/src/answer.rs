@@ -1,5 +1,6 @@
 //! What a command leaves: words on standard error, results on standard output, a verdict or an error with its exit code.
 
+use needle_model::{PositionCurveError, PositionPathError};
 use needle_sim::campaign::CampaignError;
 use needle_sim::output::OutputError;
 use needle_sim::report::ReportError;
@@ -72,7 +73,11 @@ pub(crate) enum CliError {
 impl CliError {
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
-            Self::Scenario(_) | Self::Set { .. } | Self::Preset { .. } => 2,
+            Self::Scenario(_) | Self::Set { .. } | Self::Preset { .. } | Self::Needle(_) => 2,
+            Self::Path(
+                PathSourceError::Curve(PositionCurveError::Smoothing { .. })
+                | PathSourceError::Positions(PositionPathError::Setting { .. }),
+            ) => 2,
             Self::CampaignFolder { .. } | Self::ManyReports { .. } | Self::NoSuchRun { .. } => 2,
             Self::Campaign(CampaignError::Faults { .. } | CampaignError::Scenario(_)) => 2,
             Self::Campaign(CampaignError::OtherCampaign { .. }) => 2,

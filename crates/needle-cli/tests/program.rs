@@ -116,9 +116,67 @@ fn a_wrong_scenario_is_told_by_file_line_and_key_with_code_2() {
     assert_eq!(text(&output.stdout), "");
 }
 
+/// Positions along 60 mm of an arc.
+fn arc(radius_mm: f64) -> String {
+    let position = |i: i32| {
+        let turn_rad = f64::from(i) * 2.0 / radius_mm;
+        let (sin, cos) = turn_rad.sin_cos();
+        format!("{},0,{}\n", radius_mm * (1.0 - cos), radius_mm * sin)
+    };
+    (0..=30).fold("x_mm,y_mm,z_mm\n".into(), |text: String, i| {
+        text + &position(i)
+    })
+}
+
+#[test]
+fn positions_that_bend_more_than_the_needle_are_told_and_are_no_success() {
+    let folder = folder();
+    // The needle bends with a radius of 150 mm.
+    std::fs::write(folder.path().join("arc.csv"), arc(60.0)).unwrap();
+    let scenario = "needle.curvature_per_mm = 0.0066667\ncontroller.name = 'pid'\n\
+                    reference.kind = 'positions'\nreference.file = 'arc.csv'\n";
+    std::fs::write(folder.path().join("arc.toml"), scenario).unwrap();
+    for (command, told) in [("check", "more than the needle can"), ("run", "no success")] {
+        let output = needle(&[command, "arc.toml"], folder.path());
+        assert_eq!(output.status.code(), Some(3), "{command}");
+        let words = text(&output.stdout) + &text(&output.stderr);
+        assert!(words.contains(told), "{words}");
+    }
+}
+
+#[test]
+fn sensors_that_no_estimator_reads_are_an_objection() {
+    let arguments = ["check", "clinical", "--set", "estimator.kind=perfect"];
+    let output = needle(&arguments, folder().path());
+    assert_eq!(output.status.code(), Some(3));
+    let words = text(&output.stdout);
+    assert!(
+        words.contains("the controller sees the true pose"),
+        "{words}"
+    );
+}
+
+#[test]
+fn another_terminal_choice_takes_the_files_keys_of_the_old_one_along() {
+    let folder = folder();
+    let scenario = "needle.curvature_per_mm = 0.0066667\n[controller]\nname = 'ltv'\n\
+                    terminal = 'periodic'\nperiod = 5\n[reference]\nkind = 'inputs'\n\
+                    segments = [{ duration_s = 4.0, v_mm_s = 5.0, omega_rad_s = 1.0 }]\n";
+    std::fs::write(folder.path().join("s.toml"), scenario).unwrap();
+    let arguments = ["check", "s.toml", "--set", "controller.terminal=none"];
+    let output = needle(&arguments, folder.path());
+    let words = text(&output.stdout) + &text(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{words}");
+    assert!(
+        words.contains("terminal ingredients of ltv: none"),
+        "{words}"
+    );
+}
+
 #[test]
 fn calls_that_mean_nothing_have_code_2() {
     let folder = folder();
+    std::fs::write(folder.path().join("arc.csv"), arc(150.0)).unwrap();
     for arguments in [
         &["run"][..],
         &["run", "no-such-file.toml"],
@@ -126,6 +184,19 @@ fn calls_that_mean_nothing_have_code_2() {
         &["run", "paper", "--index", "-1"],
         &["compare", "paper"],
         &["schema", "--preset", "none"],
+        &["reference", "arc.csv", "--curvature-per-mm=-1"],
+        &[
+            "reference",
+            "arc.csv",
+            "--curvature-per-mm=0.01",
+            "--speed-mm-s=-1",
+        ],
+        &[
+            "reference",
+            "arc.csv",
+            "--curvature-per-mm=0.01",
+            "--smoothing-mm=nan",
+        ],
         &["walk"],
     ] {
         let output = needle(arguments, folder.path());
@@ -174,7 +245,7 @@ fn a_check_tells_margin_controllability_and_certificate() {
     std::fs::write(folder.path().join("turned.toml"), turned).unwrap();
     let words = needle(&["check", "turned.toml"], folder.path());
     let words = text(&words.stdout);
-    assert!(words.contains("of 2000 checks"), "{words}");
+    assert!(words.contains("of 2002 checks"), "{words}");
     assert!(words.lines().count() < 20, "{words}");
     assert!(
         words.contains("refused: helix_dare: the reference's input at step"),
@@ -301,7 +372,16 @@ fn help_names_every_command() {
     let folder = folder();
     let output = needle(&["--help"], folder.path());
     assert_eq!(output.status.code(), Some(0));
-    for command in ["run", "check", "compare", "reference", "report", "schema"] {
+    for command in [
+        "run",
+        "check",
+        "compare",
+        "campaign",
+        "merge",
+        "reference",
+        "report",
+        "schema",
+    ] {
         assert!(
             text(&output.stdout).contains(&format!("\n  {command} ")),
             "{command}"

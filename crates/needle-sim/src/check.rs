@@ -1,10 +1,11 @@
 //! What can be said of a scenario before anything moves: does the path suit the needle and its limits, which errors can be corrected,
 //! what is claimed of the controller's terminal ingredients.
 
+use crate::SUCCESS_MM;
 use crate::experiment::{Experiment, RunError};
-use crate::scenario::{ControllerChoice, Scenario};
+use crate::scenario::{ControllerChoice, EstimatorChoice, Scenario, Sensors};
 use lqr::{Certificate, Check};
-use needle_control::{InputLimits, TerminalChoice};
+use needle_control::{InputLimits, ReconstructedPath, TerminalChoice};
 use needle_model::{ControllabilityReport, ControllabilityWarning, Needle, ReferencePath};
 use serde::Serialize;
 
@@ -36,9 +37,38 @@ pub struct CurvatureMargin {
     pub margin: f64,
 }
 
-/// Which errors inputs can correct, to first order, along the first 200 samples of the path.
+/// How close what the needle executes, and the controller has, comes to the path that distances are to.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Fit {
+    /// Root mean square distance, mm.
+    pub rms_mm: f64,
+    /// Largest distance, mm.
+    pub worst_mm: f64,
+    /// Stretches (from, to, largest curvature) in mm and 1/mm where the path bends more than the needle can.
+    pub excesses: Vec<[f64; 3]>,
+    /// Whether the search for inputs settled.
+    pub converged: bool,
+}
+
+impl From<&ReconstructedPath> for Fit {
+    fn from(found: &ReconstructedPath) -> Self {
+        let excesses = found.excesses.iter();
+        Self {
+            rms_mm: found.rms_mm,
+            worst_mm: found.worst_mm,
+            excesses: excesses
+                .map(|e| [e.start_mm, e.end_mm, e.curvature_per_mm])
+                .collect(),
+            converged: found.converged,
+        }
+    }
+}
+
+/// Which errors inputs can correct, to first order, along the first samples of the path, 200 at most.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Controllability {
+    /// Samples looked at.
+    pub samples: usize,
     /// Dimension of the controllable errors, of 6.
     pub dimension: usize,
     /// The directions that no input corrects, in words.
@@ -77,6 +107,8 @@ pub struct CheckReport {
     pub executable: bool,
     /// Largest defect of a step if the needle executed them, mm and rad alike.
     pub largest_defect: f64,
+    /// How close the controller's path comes to the one that distances are to; `None` where it is the same.
+    pub fit: Option<Fit>,
     /// Bends of path and needle.
     pub curvature: CurvatureMargin,
     /// Which errors can be corrected; `None` where the inputs are beyond scaling.
@@ -124,9 +156,12 @@ pub fn check(scenario: &Scenario) -> Result<CheckReport, RunError> {
         experiment.steered_path(),
         Needle::new(scenario.curvature_per_mm)?,
     );
-    // A path that exists has finite steps; a defect that cannot be had counts as one.
-    let defect = path.largest_defect(needle).ok().flatten();
-    let largest_defect = defect.map_or(0.0, |(_, defect)| defect.norm());
+    // A path of one pose has no step; a defect that cannot be had is no small one.
+    let defect = path.largest_defect(needle).map_err(|_| f64::INFINITY);
+    let largest_defect = defect.map_or_else(
+        |infinite| infinite,
+        |found| found.map_or(0.0, |(_, defect)| defect.norm()),
+    );
     let refused = experiment.refused_terminals().iter();
     let refused = refused.map(|refused| format!("{}: {}", words(refused.choice), refused.reason));
     let mut report = CheckReport {
@@ -136,6 +171,7 @@ pub fn check(scenario: &Scenario) -> Result<CheckReport, RunError> {
         poses: path.poses().len(),
         executable: largest_defect < EXECUTABLE,
         largest_defect,
+        fit: experiment.executed().map(Fit::from),
         curvature: curvature_margin(path, needle),
         controllability: controllability(path, needle),
         limits: limit_excesses(path, &scenario.limits),
@@ -160,6 +196,30 @@ fn words(choice: TerminalChoice) -> String {
 
 fn objections(scenario: &Scenario, report: &CheckReport) -> Vec<String> {
     let mut objections = Vec::new();
+    if report.length_mm <= 0.0 {
+        objections.push("the path has no length: no run along it can succeed".into());
+    }
+    if scenario.estimator == EstimatorChoice::Perfect && scenario.sensors != Sensors::default() {
+        objections.push(
+            "sensors are set, but without [estimator] the controller sees the true pose".into(),
+        );
+    }
+    if let Some(fit) = &report.fit {
+        for [from, to, curvature] in &fit.excesses {
+            objections.push(format!(
+                "from {from:.1} to {to:.1} mm the path bends by up to {curvature:.3e} per mm, more than the needle can"
+            ));
+        }
+        if !fit.converged {
+            objections.push("the search for the needle's inputs did not converge".into());
+        }
+        if fit.worst_mm >= SUCCESS_MM {
+            objections.push(format!(
+                "what the needle can execute leaves the path by {:.3} mm",
+                fit.worst_mm
+            ));
+        }
+    }
     let curvature = &report.curvature;
     if curvature.margin < -CURVATURE_MARGIN {
         objections.push(format!(
@@ -242,6 +302,7 @@ fn controllability(path: &ReferencePath, needle: Needle) -> Option<Controllabili
         }
     };
     Some(Controllability {
+        samples: inputs.len(),
         dimension: report.dimension,
         uncontrollable: report
             .uncontrollable

@@ -3,7 +3,7 @@
 use crate::estimation::{Estimator, EstimatorError};
 use crate::imaging::{Imaging, Reading};
 use crate::path_distance::{Nearest, PathDistance};
-use crate::path_source::{PathSourceError, reference_path, steered_path};
+use crate::path_source::{PathSourceError, paths};
 use crate::record::{
     EllipsoidRecord, InputRecord, OriginRecord, PoseRecord, ReadingRecord, ReferenceRecord,
     RunRecord, RunSummary, StepRecord,
@@ -13,7 +13,9 @@ use crate::simulated_needle::{PlantError, SimulatedNeedle};
 use crate::steering::{ControllerError, Steering};
 use crate::summary::{Ending, Tally};
 use lqr::Certificate;
-use needle_control::{ControlStep, Measurement, Origin, RefusedChoice, StopReason, TerminalChoice};
+use needle_control::{
+    ControlStep, Measurement, Origin, ReconstructedPath, RefusedChoice, StopReason, TerminalChoice,
+};
 use needle_model::{Input, InvalidCurvature, Needle, Pose, ReferencePath};
 use std::time::{Duration, Instant};
 
@@ -47,8 +49,8 @@ pub struct Experiment {
     scenario: Scenario,
     needle: Needle,
     path: ReferencePath,
-    /// The path as the controller has it.
-    steered: ReferencePath,
+    /// What the needle executes along the path, where the scenario asks for that.
+    executed: Option<ReconstructedPath>,
     steering: Steering,
 }
 
@@ -73,8 +75,8 @@ impl Experiment {
     /// [`RunError`] says which section of the scenario is to blame.
     pub fn new(scenario: &Scenario) -> Result<Self, RunError> {
         let needle = Needle::new(scenario.curvature_per_mm)?;
-        let path = reference_path(scenario)?;
-        let steered = steered_path(scenario, &path)?;
+        let (path, executed) = paths(scenario)?;
+        let steered = executed.as_ref().map_or(&path, |executed| &executed.path);
         let steering = Steering::new(scenario, needle, steered.clone())?;
         // What could fail in a run fails here: the numbers drawn in a run make no scenario invalid.
         Estimator::new(scenario, needle, &path.poses()[0])?;
@@ -83,7 +85,7 @@ impl Experiment {
             scenario: scenario.clone(),
             needle,
             path,
-            steered,
+            executed,
             steering,
         })
     }
@@ -103,7 +105,15 @@ impl Experiment {
     /// The path as the controller has it: another one where the scenario asks for what the needle executes.
     #[must_use]
     pub fn steered_path(&self) -> &ReferencePath {
-        &self.steered
+        self.executed
+            .as_ref()
+            .map_or(&self.path, |executed| &executed.path)
+    }
+
+    /// What the needle executes along the path, and how close that comes; `None` where the controller has the path itself.
+    #[must_use]
+    pub fn executed(&self) -> Option<&ReconstructedPath> {
+        self.executed.as_ref()
     }
 
     /// What is claimed of the controller's terminal ingredients; `None` without any.

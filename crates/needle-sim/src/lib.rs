@@ -24,7 +24,7 @@ pub use estimation::EstimatorError;
 pub use experiment::{Experiment, RunError, run};
 pub use log::{LogRow, RunLog, RunMetrics};
 pub use mpc_qp::SolverSettings;
-pub use path_source::{PathSourceError, path_through, read_positions, reference_path};
+pub use path_source::{PathSourceError, path_through, read_positions};
 pub use record::{RunRecord, RunSummary, StepRecord};
 pub use scenario::{Scenario, ScenarioError};
 pub use simulated_needle::PlantError;

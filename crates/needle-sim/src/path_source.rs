@@ -1,4 +1,4 @@
-//! The reference path of a scenario, from its recipe or file.
+//! The reference path of a scenario, from its recipe or file, and what its needle executes along it.
 
 use crate::scenario::{InputSegment, Reference, Scenario};
 use nalgebra::Vector3;
@@ -70,6 +70,14 @@ pub enum PathSourceError {
     /// The paper's path.
     #[error(transparent)]
     Paper(#[from] PaperReferenceError),
+    /// Positions of a file.
+    #[error("{}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: Box<PathSourceError>,
+    },
     /// The curve through the positions.
     #[error("the positions make no curve")]
     Curve(#[from] PositionCurveError),
@@ -81,73 +89,89 @@ pub enum PathSourceError {
     Reconstruction(#[from] ReconstructionError),
 }
 
-/// The path of a scenario.
+/// The path of a scenario that distances are to, and what the needle executes along it where the scenario asks for that: along
+/// positions always, along a curve by inputs with `reconstructed`.
 ///
 /// # Errors
 /// [`PathSourceError`] names the file, line and column where there is one.
-pub fn reference_path(scenario: &Scenario) -> Result<ReferencePath, PathSourceError> {
+pub(crate) fn paths(
+    scenario: &Scenario,
+) -> Result<(ReferencePath, Option<ReconstructedPath>), PathSourceError> {
     let needle = Needle::new(scenario.curvature_per_mm)?;
     let dt_s = scenario.dt_s;
-    match &scenario.reference {
+    let path = match &scenario.reference {
         Reference::Inputs {
             curvature_factor,
             segments,
-            ..
+            reconstructed,
         } => {
             let maker = Needle::new(scenario.curvature_per_mm * curvature_factor)?;
             let inputs = segments.iter().flat_map(|segment| samples(segment, dt_s));
-            let inputs = inputs.collect();
-            Ok(ReferencePath::from_inputs(
-                maker,
-                Pose::identity(),
-                inputs,
-                dt_s,
-            )?)
+            let path = ReferencePath::from_inputs(maker, Pose::identity(), inputs.collect(), dt_s)?;
+            let executed = reconstructed.then(|| executed_along(scenario, needle, &path));
+            return Ok((path, executed.transpose()?));
         }
-        Reference::PaperBevel => Ok(ReferencePath::paper_recipe(needle)?),
-        Reference::PaperEuler => Ok(ReferencePath::paper_euler_path()?),
-        Reference::PaperStraight => Ok(ReferencePath::paper_straight_path()?),
         Reference::Positions {
             file,
             smoothing_mm,
             speed_mm_s,
         } => {
-            let positions = read_positions(&scenario.folder.join(file))?;
+            let file = scenario.folder.join(file);
+            let positions = read_positions(&file)?;
             let settings = position_settings(scenario, *speed_mm_s);
-            Ok(path_through(needle, &positions, *smoothing_mm, settings)?.path)
+            let found = curve_and_path(needle, &positions, *smoothing_mm, settings);
+            let (curve, executed) = found.map_err(|source| PathSourceError::File {
+                path: file,
+                source: Box::new(source),
+            })?;
+            return Ok((curve, Some(executed)));
         }
+        Reference::PaperBevel => ReferencePath::paper_recipe(needle)?,
+        Reference::PaperEuler => ReferencePath::paper_euler_path()?,
+        Reference::PaperStraight => ReferencePath::paper_straight_path()?,
         Reference::Poses { file } => {
             let path = scenario.folder.join(file);
             let parsed = ReferencePath::from_csv(&read(&path)?);
-            parsed.map_err(|source| PathSourceError::Poses { path, source })
+            parsed.map_err(|source| PathSourceError::Poses { path, source })?
         }
         Reference::Planner { file } => {
             let path = scenario.folder.join(file);
             let poses = read_planner_poses(&read(&path)?, PlannerFile::InterpolatedPlan)
                 .map_err(|source| PathSourceError::Poses { path, source })?;
-            Ok(ReferencePath::from_poses(poses, dt_s)?)
+            ReferencePath::from_poses(poses, dt_s)?
         }
-    }
+    };
+    Ok((path, None))
 }
 
-/// The path that the controller is given: `path`, or what its needle executes along it.
-pub(crate) fn steered_path(
+fn executed_along(
     scenario: &Scenario,
+    needle: Needle,
     path: &ReferencePath,
-) -> Result<ReferencePath, PathSourceError> {
-    match &scenario.reference {
-        Reference::Inputs {
-            reconstructed: true,
-            ..
-        } => {
-            let needle = Needle::new(scenario.curvature_per_mm)?;
-            let positions: Vec<_> = path.poses().iter().map(|pose| pose.position_mm).collect();
-            let length_mm = path.arc_length_mm().last().copied().unwrap_or(0.0);
-            let settings = position_settings(scenario, length_mm / path.duration_s());
-            Ok(path_through(needle, &positions, 0.0, settings)?.path)
-        }
-        _ => Ok(path.clone()),
-    }
+) -> Result<ReconstructedPath, PathSourceError> {
+    let positions: Vec<_> = path.poses().iter().map(|pose| pose.position_mm).collect();
+    let length_mm = path.arc_length_mm().last().copied().unwrap_or(0.0);
+    let settings = position_settings(scenario, length_mm / path.duration_s());
+    path_through(needle, &positions, 0.0, settings)
+}
+
+/// The curve through positions, turned as the path that a needle executes along it, and that path.
+fn curve_and_path(
+    needle: Needle,
+    positions_mm: &[Vector3<f64>],
+    smoothing_mm: f64,
+    settings: PositionPathSettings,
+) -> Result<(ReferencePath, ReconstructedPath), PathSourceError> {
+    let problem = problem(needle, positions_mm, smoothing_mm, settings)?;
+    let executed = reconstruct_path(&problem)?;
+    let on_curve = problem.targets_mm().iter().zip(executed.path.poses());
+    let poses = on_curve.map(|(&position_mm, pose)| Pose {
+        rotation: pose.rotation,
+        position_mm,
+    });
+    let (poses, inputs) = (poses.collect(), executed.path.inputs().to_vec());
+    let curve = ReferencePath::from_samples(poses, inputs, executed.path.dt_s())?;
+    Ok((curve, executed))
 }
 
 fn position_settings(scenario: &Scenario, speed_mm_s: f64) -> PositionPathSettings {
@@ -171,9 +195,18 @@ pub fn path_through(
     smoothing_mm: f64,
     settings: PositionPathSettings,
 ) -> Result<ReconstructedPath, PathSourceError> {
-    let curve = PositionCurve::through(positions_mm, smoothing_mm)?;
-    let problem = PositionPathProblem::new(needle, curve, settings)?;
+    let problem = problem(needle, positions_mm, smoothing_mm, settings)?;
     Ok(reconstruct_path(&problem)?)
+}
+
+fn problem(
+    needle: Needle,
+    positions_mm: &[Vector3<f64>],
+    smoothing_mm: f64,
+    settings: PositionPathSettings,
+) -> Result<PositionPathProblem, PathSourceError> {
+    let curve = PositionCurve::through(positions_mm, smoothing_mm)?;
+    Ok(PositionPathProblem::new(needle, curve, settings)?)
 }
 
 /// Positions from a CSV file whose header names `x_mm`, `y_mm` and `z_mm`, in any order, among others.

@@ -186,8 +186,7 @@ impl Steering {
     }
 }
 
-/// The published program knows one sample time and one needle. The limits that it keeps are its own too; the actuators cut its inputs
-/// to the scenario's.
+/// The published program knows one sample time and one needle. The limits that it keeps are its own too: a scenario's do not bind it.
 fn published_fits(scenario: &Scenario) -> Result<(), ControllerError> {
     // Decimal numbers of a file, read to the last digit or to ten.
     let same = |expected: f64, found: f64| (expected - found).abs() <= 1e-9 * expected;

@@ -39,6 +39,13 @@ fn words(report: &CheckReport) -> String {
         },
         report.largest_defect,
     );
+    if let Some(fit) = &report.fit {
+        let _ = writeln!(
+            text,
+            "what the needle executes, and the controller has, is {:.4} mm RMS from it, {:.4} mm at worst",
+            fit.rms_mm, fit.worst_mm,
+        );
+    }
     let curvature = &report.curvature;
     let _ = match report.executable {
         // Such a path bends as the needle does wherever it goes; what is left for corrections is in its spin.
@@ -57,7 +64,11 @@ fn words(report: &CheckReport) -> String {
         ),
     };
     if let Some(c) = &report.controllability {
-        let _ = writeln!(text, "controllable errors: {} of 6", c.dimension);
+        let _ = writeln!(
+            text,
+            "controllable errors: {} of 6 (first {} samples)",
+            c.dimension, c.samples
+        );
         for direction in &c.uncontrollable {
             let _ = writeln!(text, "  no input corrects: {direction}");
         }

@@ -3,6 +3,7 @@
 use crate::answer::{CliError, Verdict, print, print_json, say};
 use needle_control::ReconstructedPath;
 use needle_model::{Needle, PositionPathSettings};
+use needle_sim::check::Fit;
 use needle_sim::output::write_whole;
 use needle_sim::{path_through, read_positions};
 use serde::Serialize;
@@ -42,12 +43,9 @@ pub(crate) struct Args {
 struct Closeness {
     poses: usize,
     length_mm: f64,
-    rms_mm: f64,
-    worst_mm: f64,
     worst_step: usize,
-    /// Stretches (from, to, largest curvature) in mm and 1/mm where the positions bend more than the needle can.
-    excesses: Vec<[f64; 3]>,
-    converged: bool,
+    #[serde(flatten)]
+    fit: Fit,
 }
 
 pub(crate) fn run(args: &Args) -> Result<Verdict, CliError> {
@@ -71,21 +69,15 @@ pub(crate) fn run(args: &Args) -> Result<Verdict, CliError> {
         true => print_json(&closeness)?,
         false => say_words(&closeness),
     }
-    Ok((closeness.converged && closeness.excesses.is_empty()).into())
+    Ok((closeness.fit.converged && closeness.fit.excesses.is_empty()).into())
 }
 
 fn closeness(found: &ReconstructedPath) -> Closeness {
-    let excesses = found.excesses.iter();
     Closeness {
         poses: found.path.poses().len(),
         length_mm: found.path.arc_length_mm().last().copied().unwrap_or(0.0),
-        rms_mm: found.rms_mm,
-        worst_mm: found.worst_mm,
         worst_step: found.worst_step,
-        excesses: excesses
-            .map(|e| [e.start_mm, e.end_mm, e.curvature_per_mm])
-            .collect(),
-        converged: found.converged,
+        fit: found.into(),
     }
 }
 
@@ -94,16 +86,16 @@ fn say_words(closeness: &Closeness) {
         "{} poses over {:.2} mm; from the positions {:.4} mm RMS, {:.4} mm at worst (sample {})",
         closeness.poses,
         closeness.length_mm,
-        closeness.rms_mm,
-        closeness.worst_mm,
+        closeness.fit.rms_mm,
+        closeness.fit.worst_mm,
         closeness.worst_step,
     ));
-    for [from, to, curvature] in &closeness.excesses {
+    for [from, to, curvature] in &closeness.fit.excesses {
         say(&format!(
             "from {from:.1} to {to:.1} mm the positions bend by up to {curvature:.3e} per mm, more than the needle can"
         ));
     }
-    if !closeness.converged {
+    if !closeness.fit.converged {
         say("the search for inputs did not converge: the path is the best that was met");
     }
 }

@@ -81,14 +81,6 @@ pub struct CellSummary {
     pub pareto: bool,
 }
 
-impl CampaignSummary {
-    /// Mean RMS distance (mm) and mean rotation (revolutions) of each cell that has both, with the cell's index.
-    #[must_use]
-    pub fn accuracy_and_rotation(&self) -> Vec<(u64, f64, f64)> {
-        self.cells.iter().filter_map(CellSummary::point).collect()
-    }
-}
-
 impl CellSummary {
     fn point(&self) -> Option<(u64, f64, f64)> {
         let (rms, rotation) = (self.rms_mm?, self.rotation_rev?);

@@ -1,6 +1,11 @@
 //! What the ranges of single keys cannot say: values that are allowed each but not together.
 
+use nalgebra::Vector3;
+
 use super::{EstimatorChoice, InputSegment, MOST_SAMPLES, Reference, Scenario};
+
+/// Half a turn and a rounding: a longer rotation vector looks like another offset.
+const MOST_TURN_RAD: f64 = 3.2;
 
 /// Part of a sample that is rounding of a quotient of decimal numbers.
 const SAMPLE_ROUNDING: f64 = 1e-6;
@@ -21,7 +26,13 @@ pub(super) fn conflicts(scenario: &Scenario) -> impl Iterator<Item = (&'static s
     let samples: f64 = segments.map_or(1.0, |segments| {
         segments.iter().map(|s| s.duration_s / scenario.dt_s).sum()
     });
+    let turn_rad = Vector3::from(scenario.plant.start.rotation_rad).norm();
     [
+        (
+            turn_rad > MOST_TURN_RAD,
+            "plant.start.rotation_rad",
+            "turns by more than half a turn, 3.2 rad to leave room for rounding",
+        ),
         (
             scenario.estimator == EstimatorChoice::Raw && blind,
             "estimator.kind",

@@ -88,15 +88,17 @@ impl Document {
     /// Sets a key such as `limits.v_max_mm_s` or `reference.segments.0.omega_rad_s`, present or not. Whether the scenario has
     /// such a key, and whether the value is allowed there, [`Document::scenario`] says.
     ///
-    /// A `name` or `kind` that chooses another variant takes the file's keys beside it along that the new variant does not have;
+    /// A word that chooses another variant takes the file's keys beside it along that the new variant does not have;
     /// keys that were set here stay, and are then told as unknown.
     ///
     /// # Errors
     /// [`ScenarioError`] when a part of the key is neither a table nor a row of a list.
     pub fn set(&mut self, key: &str, value: impl Into<toml::Value>) -> Result<(), ScenarioError> {
-        let value = Node::from(value.into());
-        match key.rsplit_once('.') {
-            Some((parent, "name" | "kind")) => {
+        let value = value.into();
+        let parent = key.rsplit_once('.').filter(|_| value.is_str());
+        let value = Node::from(value);
+        match parent {
+            Some((parent, _)) => {
                 let before = self.unknown_keys();
                 *self.at(key)? = value;
                 let mut lost = self.unknown_keys();
@@ -107,7 +109,7 @@ impl Document {
                     });
                 }
             }
-            _ => *self.at(key)? = value,
+            None => *self.at(key)? = value,
         }
         Ok(())
     }

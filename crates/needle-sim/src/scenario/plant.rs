@@ -221,7 +221,6 @@ impl StartOffset {
         let about = "offset of the position (body x, y, z)";
         keys.numbers("offset_mm", &mut self.offset_mm, Allowed::ANY, about);
         let about = "rotation vector; the third is roll";
-        // Below half a turn in any direction, so that no other offset looks the same.
         let angle = Allowed::From(-3.2, 3.2);
         keys.numbers("rotation_rad", &mut self.rotation_rad, angle, about);
         for (key, value, about) in [
@@ -252,7 +251,7 @@ impl Disturbances {
             (
                 "curvature_std_fraction",
                 &mut self.curvature_std_fraction,
-                "standard deviation of the plant's curvature between runs, as a fraction of it",
+                "standard deviation of the plant's curvature between runs, as a fraction of it; no run bends the other way",
             ),
             (
                 "position_std_mm_per_sqrt_mm",

@@ -1,4 +1,5 @@
-//! Prints a scenario as TOML, and the description of all that a scenario may hold. Both are files that can be read back.
+//! Prints a scenario as TOML, and the description of all that a scenario may hold. Both are files that can be read
+//! back; of the description once what must be there is filled in.
 
 use super::Scenario;
 use super::keys::{Allowed, Choice, Keys};

@@ -60,7 +60,7 @@ impl Sensors {
         keys.flag("tangent_measured", &mut self.tangent_measured, about);
         let about = "standard deviation of the tangent about each of its normals";
         keys.number("tangent_std_rad", &mut self.tangent_std_rad, size, about);
-        let about = "whether the roll is seen";
+        let about = "whether the roll is seen; `raw` takes it, `filter` estimates it from the bends either way";
         keys.flag("roll_measured", &mut self.roll_measured, about);
         let about = "standard deviation of the roll";
         keys.number("roll_std_rad", &mut self.roll_std_rad, size, about);
