@@ -4,8 +4,9 @@
 //! *weight*: the term that a constraint puts into a stationarity condition of the ray, `a_ij y_i`, relative to the largest term in
 //! the conditions of that component over the whole horizon. Scaling a state, an input or a row changes both alike.
 
-use crate::certificate::of_constraints;
 use crate::error::Place;
+use crate::infeasibility::{Blame, Tally};
+use crate::lagrangian::LagrangianGradient;
 use crate::multipliers::TerminalSetMultipliers;
 use crate::problem::OcpQp;
 use crate::softening::ConstraintGroup;
@@ -13,27 +14,6 @@ use crate::solution::Solution;
 use crate::stage::Row;
 use crate::terminal::TerminalSet;
 use nalgebra::SVector;
-
-/// One line of the blame: a group with its part in the conflict.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BlameEntry {
-    /// The kind of constraint.
-    pub group: ConstraintGroup,
-    /// Its part of the ray: the sum of its weights as a fraction of all groups' sum. Independent of units.
-    pub share: f64,
-    /// Where the group's largest weight sits.
-    pub worst: Place,
-    /// The first place with a weight that counts.
-    pub first: Place,
-    /// The last place with a weight that counts.
-    pub last: Place,
-}
-
-/// The groups of the constraints in conflict, with their stages. Fixed size: no allocation in a solve.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Blame {
-    entries: [Option<BlameEntry>; 5],
-}
 
 /// Part of a condition's largest term below which a constraint is not named: an interior point leaves every multiplier positive.
 const LEAST_PART: f64 = 1e-3;
@@ -43,23 +23,12 @@ const LEAST_PART: f64 = 1e-3;
 const LEAST_WEIGHT: f64 = 1e-7;
 
 impl Blame {
-    /// The entries, the largest share first.
-    pub fn entries(&self) -> impl Iterator<Item = &BlameEntry> {
-        self.entries.iter().flatten()
-    }
-
-    /// True if some entry has this group.
-    #[must_use]
-    pub fn names(&self, group: ConstraintGroup) -> bool {
-        self.entries().any(|entry| entry.group == group)
-    }
-
     /// The constraints with a part in the ray in `solution.multipliers`.
     pub(crate) fn of_ray<const NX: usize, const NU: usize>(
         problem: &OcpQp<NX, NU>,
         solution: &Solution<NX, NU>,
     ) -> Self {
-        let gradient = of_constraints(problem, solution);
+        let gradient = LagrangianGradient::of_constraints(problem, solution);
         let (mut of_states, mut of_inputs) = (SVector::zeros(), SVector::zeros());
         for k in 0..problem.horizon() {
             of_inputs = gradient.input(k).scale.sup(&of_inputs);
@@ -146,45 +115,7 @@ impl<const N: usize> Conditions<N> {
     }
 }
 
-/// Weights of one group: their sum, the largest with its place, and the range of places.
-#[derive(Default, Clone, Copy)]
-struct Account {
-    total: f64,
-    worst: Option<(Place, f64)>,
-    range: Option<(Place, Place)>,
-}
-
-/// The accounts of all groups, in the order of [`Tally::GROUPS`].
-#[derive(Default)]
-struct Tally {
-    accounts: [Account; 5],
-}
-
 impl Tally {
-    const GROUPS: [ConstraintGroup; 5] = [
-        ConstraintGroup::InputBounds,
-        ConstraintGroup::RateLimits,
-        ConstraintGroup::StateBounds,
-        ConstraintGroup::Rows,
-        ConstraintGroup::TerminalSet,
-    ];
-
-    /// Books a weight; places come in their order.
-    fn charge(&mut self, group: ConstraintGroup, place: Place, weight: f64) {
-        if weight == 0.0 {
-            return;
-        }
-        for (of, account) in Self::GROUPS.iter().zip(&mut self.accounts) {
-            if *of == group {
-                account.total += weight;
-                account.range = Some((account.range.map_or(place, |(first, _)| first), place));
-                if account.worst.is_none_or(|(_, most)| weight > most) {
-                    account.worst = Some((place, weight));
-                }
-            }
-        }
-    }
-
     /// Books the constraints at the end of the horizon.
     fn end<const NX: usize, const NU: usize>(
         &mut self,
@@ -213,25 +144,5 @@ impl Tally {
             }
             _ => {}
         }
-    }
-
-    fn blame(self) -> Blame {
-        let whole: f64 = self.accounts.iter().map(|account| account.total).sum();
-        let mut entries = [None; 5];
-        for ((entry, account), group) in entries.iter_mut().zip(self.accounts).zip(Self::GROUPS) {
-            *entry = account
-                .worst
-                .zip(account.range)
-                .map(|((worst, _), (first, last))| BlameEntry {
-                    group,
-                    share: account.total / whole,
-                    worst,
-                    first,
-                    last,
-                });
-        }
-        let share = |entry: &Option<BlameEntry>| entry.map_or(0.0, |entry| entry.share);
-        entries.sort_by(|one, other| share(other).total_cmp(&share(one)));
-        Blame { entries }
     }
 }

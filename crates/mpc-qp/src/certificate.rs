@@ -5,25 +5,15 @@
 //! feasibility would give `0 <= y'(b - A z) = -1 - z'A'y`. Its nonzero entries are the constraints in conflict
 //! ([`Blame`]).
 
-use crate::blame::Blame;
 use crate::constraints::for_each_scalar;
-use crate::lagrangian::{LagrangianGradient, Terms};
+use crate::infeasibility::{Blame, InfeasibilityCertificate};
+use crate::lagrangian::LagrangianGradient;
 use crate::multipliers::{Multipliers, TerminalSetMultipliers};
 use crate::problem::OcpQp;
 use crate::softening::ConstraintGroup;
 use crate::solution::Solution;
 use crate::terminal::TerminalSet;
 use nalgebra::SVector;
-
-/// The quality of a Farkas ray; the ray itself is in [`Solution::multipliers`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct InfeasibilityCertificate {
-    /// `|A'y|_inf` with the ray scaled to `b'y = -1`: no trajectory `(u_0, x_1, ...)` with 1-norm below `1 / residual`
-    /// is feasible. Infinite if the ray proves nothing.
-    pub residual: f64,
-    /// Largest multiplier of the wrong sign, outside the cone, or on a soft constraint, in the same scaling.
-    pub sign_violation: f64,
-}
 
 /// A ray is a proof if no trajectory with a 1-norm up to the reciprocal of this is feasible, in units in which the data's sizes are near
 /// one, nor any of ten times the size of the trajectory at hand.
@@ -95,14 +85,19 @@ pub(crate) fn make_exact<const NX: usize, const NU: usize>(
     solution: &mut Solution<NX, NU>,
 ) {
     drop_soft(problem, &mut solution.multipliers);
-    let rest_in_state =
-        |solution: &Solution<NX, NU>, k| of_constraints(problem, solution).state(k).sum;
+    let rest_in_state = |solution: &Solution<NX, NU>, k| {
+        LagrangianGradient::of_constraints(problem, solution)
+            .state(k)
+            .sum
+    };
     for k in (1..=problem.horizon()).rev() {
         let rest = rest_in_state(solution, k);
         solution.multipliers.costates[k - 1] += rest;
     }
     for (k, stage) in problem.stages().iter().enumerate() {
-        let rest = of_constraints(problem, solution).input(k).sum;
+        let rest = LagrangianGradient::of_constraints(problem, solution)
+            .input(k)
+            .sum;
         let multipliers = &mut solution.multipliers.stages[k];
         for i in 0..NU {
             if rest[i] > 0.0 && stage.u_min[i].is_finite() {
@@ -146,19 +141,6 @@ fn drop_soft<const NX: usize, const NU: usize>(
     }
 }
 
-/// Gradient of what the constraints alone contribute to the Lagrangian.
-pub(crate) fn of_constraints<'a, const NX: usize, const NU: usize>(
-    problem: &'a OcpQp<NX, NU>,
-    solution: &'a Solution<NX, NU>,
-) -> LagrangianGradient<'a, NX, NU> {
-    LagrangianGradient {
-        problem,
-        solution,
-        with_cost: false,
-        terms: Terms::Products,
-    }
-}
-
 /// Judges the ray in `solution.multipliers`; neither the states nor the costs are used. One that is laid out for another problem
 /// proves nothing.
 #[must_use]
@@ -169,7 +151,7 @@ pub fn examine_certificate<const NX: usize, const NU: usize>(
     if solution.check_shape(problem).is_err() {
         return (InfeasibilityCertificate::NONE, Blame::default());
     }
-    let gradient = of_constraints(problem, solution);
+    let gradient = LagrangianGradient::of_constraints(problem, solution);
     let adjoint = (0..problem.horizon())
         .map(|k| {
             let (input, state) = (gradient.input(k).sum, gradient.state(k + 1).sum);

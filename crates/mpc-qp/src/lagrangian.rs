@@ -67,7 +67,20 @@ pub(crate) struct LagrangianGradient<'a, const NX: usize, const NU: usize> {
     pub(crate) terms: Terms,
 }
 
-impl<const NX: usize, const NU: usize> LagrangianGradient<'_, NX, NU> {
+impl<'a, const NX: usize, const NU: usize> LagrangianGradient<'a, NX, NU> {
+    /// What the constraints alone contribute.
+    pub(crate) fn of_constraints(
+        problem: &'a OcpQp<NX, NU>,
+        solution: &'a Solution<NX, NU>,
+    ) -> Self {
+        Self {
+            problem,
+            solution,
+            with_cost: false,
+            terms: Terms::Products,
+        }
+    }
+
     /// With respect to `u_k`, k from 0 to N - 1.
     pub(crate) fn input(&self, k: usize) -> Balance<NU> {
         let (stage, multipliers) = (

@@ -4,10 +4,14 @@ mod blame;
 mod certificate;
 mod constraints;
 mod error;
+mod infeasibility;
 mod lagrangian;
 mod multipliers;
+mod objective;
+mod optimality;
 mod problem;
 mod residuals;
+mod semidefinite;
 mod softening;
 mod solution;
 mod solver;
@@ -20,10 +24,10 @@ mod validation;
 pub mod conic;
 pub mod problems;
 
-pub use blame::{Blame, BlameEntry};
-pub use certificate::{InfeasibilityCertificate, cancel_opposite_multipliers, examine_certificate};
+pub use certificate::{cancel_opposite_multipliers, examine_certificate};
 pub use conic::ClarabelSolver;
 pub use error::{Place, ProblemError, SolveError};
+pub use infeasibility::{Blame, BlameEntry, InfeasibilityCertificate};
 pub use multipliers::{
     Multipliers, Slacks, StageMultipliers, StageSlacks, TerminalMultipliers,
     TerminalSetMultipliers, TerminalSetSlacks, TerminalSlacks,

@@ -1,8 +1,7 @@
 //! What a solve gives back, in memory laid out once.
 
-use crate::blame::Blame;
-use crate::certificate::InfeasibilityCertificate;
 use crate::error::SolveError;
+use crate::infeasibility::{Blame, InfeasibilityCertificate};
 use crate::multipliers::{Multipliers, Slacks, TerminalSetMultipliers, TerminalSetSlacks};
 use crate::problem::OcpQp;
 use crate::residuals::Residuals;
@@ -148,12 +147,6 @@ impl<const NX: usize, const NU: usize> Solution<NX, NU> {
             _ => false,
         };
         compare("terminal set", 1, usize::from(fits))
-    }
-
-    /// Recomputes objective and residuals from the problem's data; the residuals are infinite if this is laid out for another problem.
-    pub fn evaluate(&mut self, problem: &OcpQp<NX, NU>) {
-        self.objective = problem.objective(&self.x, &self.u, &self.slacks);
-        self.residuals = Residuals::beside(self.objective, problem, self);
     }
 
     /// Moves everything one stage ahead, as a guess for the next sample: stage k takes the values of k + 1, the last input is

@@ -9,9 +9,9 @@
 //! Mind the factor 1/2: a cost `x'Qx` is `q = 2 Q` here.
 
 use crate::error::{Place, ProblemError};
+use crate::semidefinite::joint_positive_semidefinite;
 use crate::validation::{
-    absent_bounds, absent_limit, bounds, finite, finite_row, joint_positive_semidefinite,
-    symmetric, symmetrise, upper_limit,
+    absent_bounds, absent_limit, bounds, finite, finite_row, symmetric, symmetrise, upper_limit,
 };
 use nalgebra::{SMatrix, SVector};
 

@@ -1,9 +1,9 @@
 //! The end of the horizon: cost `1/2 x'P x + p'x`, bounds on `x_N`, and the terminal set.
 
 use crate::error::{Place, ProblemError};
+use crate::semidefinite::factor;
 use crate::validation::{
-    absent_bounds, absent_limit, bounds, factor, finite, finite_row, symmetric, symmetrise,
-    upper_limit,
+    absent_bounds, absent_limit, bounds, finite, finite_row, symmetric, symmetrise, upper_limit,
 };
 use nalgebra::{SMatrix, SVector};
 
