@@ -161,7 +161,7 @@ fn terminal_set<const NX: usize, const NU: usize>(
     }
 }
 
-/// Clarabel's verdict, checked against the problem where it claims a proof or an almost-solution; `usable` is the worst shared
+/// Clarabel's verdict, checked against the problem where it claims a proof or stopped early; `usable` is the worst shared
 /// residual of an answer that is of use. What it ends with in a breakdown may be a ray all the same.
 pub(super) fn status<const NX: usize, const NU: usize>(
     problem: &OcpQp<NX, NU>,
@@ -170,7 +170,7 @@ pub(super) fn status<const NX: usize, const NU: usize>(
     solution: &mut Solution<NX, NU>,
 ) -> SolveStatus {
     match verdict {
-        SolverStatus::Solved => SolveStatus::Solved,
+        SolverStatus::Solved | SolverStatus::AlmostSolved => SolveStatus::Solved,
         SolverStatus::MaxIterations => SolveStatus::IterationLimit,
         SolverStatus::MaxTime => SolveStatus::TimeLimit,
         SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => {

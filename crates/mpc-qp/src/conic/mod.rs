@@ -125,7 +125,7 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
             &csc(&constraints),
             &right,
             &cones(&layout),
-            clarabel_settings(&settings),
+            clarabel_settings(&settings, settings.tolerance),
         )?;
         Ok(Self {
             layout,
@@ -241,8 +241,14 @@ fn cones<const NX: usize, const NU: usize>(layout: &Layout<NX, NU>) -> Vec<Suppo
     cones
 }
 
+/// Part of the tolerance that is asked of the gap: at a bound that holds with next to no multiplier an interior point is off by the root of
+/// its gap.
+const GAP: f64 = 1e-3;
+
+/// Limits, with `tolerance` asked of gap and feasibility. Where the gap comes no further than that tolerance, Clarabel calls it almost solved.
+///
 /// Presolve and zero dropping would forbid updates. Refinement stays at its defaults: it is what keeps Clarabel right.
-fn clarabel_settings(settings: &SolverSettings) -> DefaultSettings<f64> {
+fn clarabel_settings(settings: &SolverSettings, tolerance: f64) -> DefaultSettings<f64> {
     DefaultSettings {
         verbose: false,
         presolve_enable: false,
@@ -253,9 +259,12 @@ fn clarabel_settings(settings: &SolverSettings) -> DefaultSettings<f64> {
         time_limit: settings
             .time_limit
             .map_or(f64::INFINITY, |limit| limit.as_secs_f64()),
-        tol_gap_abs: settings.tolerance,
-        tol_gap_rel: settings.tolerance,
-        tol_feas: settings.tolerance,
+        tol_gap_abs: GAP * tolerance,
+        tol_gap_rel: GAP * tolerance,
+        tol_feas: tolerance,
+        reduced_tol_gap_abs: tolerance,
+        reduced_tol_gap_rel: tolerance,
+        reduced_tol_feas: tolerance,
         tol_infeas_abs: settings.tolerance,
         tol_infeas_rel: settings.tolerance,
         ..DefaultSettings::default()

@@ -175,9 +175,7 @@ impl<const NX: usize, const NU: usize> ClarabelSolver<NX, NU> {
 
     /// Sets limits, and the tolerances of gap and feasibility apart from the others.
     fn set(&mut self, limits: &SolverSettings, tolerance: f64) -> Result<(), SolveError> {
-        let mut settings = clarabel_settings(limits);
-        (settings.tol_gap_abs, settings.tol_gap_rel) = (tolerance, tolerance);
-        settings.tol_feas = tolerance;
+        let settings = clarabel_settings(limits, tolerance);
         if let Some(solver) = &mut self.solver {
             let updated = solver.update_settings(settings);
             updated.map_err(clarabel::solver::SolverError::from)?;

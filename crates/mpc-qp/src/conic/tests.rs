@@ -95,7 +95,7 @@ fn second_solver_for_a_problem_as_given_is_made_once_and_counted() {
 #[test]
 fn early_stop_is_an_answer_up_to_the_usable_residual() {
     use super::extraction::status;
-    use clarabel::solver::SolverStatus::{AlmostSolved, InsufficientProgress, NumericalError};
+    use clarabel::solver::SolverStatus::{InsufficientProgress, NumericalError};
     let problem = random::problem::<4, 2>(1, &Recipe::feasible(1, 5)).unwrap();
     let mut solver = ClarabelSolver::new(&problem, SolverSettings::default()).unwrap();
     let mut solution = Solution::new(&problem);
@@ -104,7 +104,7 @@ fn early_stop_is_an_answer_up_to_the_usable_residual() {
     solution.evaluate(&problem);
     let worst = solution.residuals.worst();
     assert!(worst > 1e-5);
-    for verdict in [AlmostSolved, InsufficientProgress, NumericalError] {
+    for verdict in [InsufficientProgress, NumericalError] {
         let mut graded = |usable| status(&problem, verdict, usable, &mut solution);
         assert_eq!(graded(worst), SolveStatus::SolvedInaccurate);
         assert_eq!(graded(0.999 * worst), SolveStatus::NumericalTrouble);

@@ -1,9 +1,10 @@
 //! Random problems of every kind and size through both solvers: each answer judged by itself, then the two compared.
 
-use crate::{answers, clarabel, structured};
+use crate::{answers, clarabel, solvers, structured};
 use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::{
-    ConstraintGroup, OcpQp, Penalty, Solution, SolveStatus, TerminalSet, TerminalSetMultipliers,
+    ConstraintGroup, OcpQp, Penalty, Solution, SolveStatus, SolverSettings, Start, TerminalSet,
+    TerminalSetMultipliers,
 };
 use proptest::prelude::*;
 
@@ -97,6 +98,24 @@ fn price_of_violation<const NX: usize, const NU: usize>(
     }
 }
 
+fn distance<const NX: usize, const NU: usize>([one, other]: [&Solution<NX, NU>; 2]) -> f64 {
+    (one.u[0] - other.u[0]).amax()
+}
+
+/// The distance of the first inputs with a hundredth of the tolerance.
+fn tighter_distance<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> f64 {
+    let settings = SolverSettings {
+        tolerance: 1e-10,
+        ..SolverSettings::default()
+    };
+    let [ours, theirs] = solvers(problem, settings).map(|(_, mut solver)| {
+        let mut solution = Solution::new(problem);
+        solver.solve(problem, Start::Cold, &mut solution).unwrap();
+        solution
+    });
+    distance([&ours, &theirs])
+}
+
 /// One random problem through both solvers; the distance of the first inputs if both solved it and its weights are ordinary.
 ///
 /// Objectives agree to 1e-7 relative where the weights are ordinary. Badly scaled weights (1e-6 to 1e6 and a common factor on
@@ -136,7 +155,16 @@ fn agree<const NX: usize, const NU: usize>(
     // the cost is flat.
     let apart = energy(&problem, &ours, &theirs);
     prop_assert!(apart <= 2.0 * allowed, "{apart:e} apart");
-    Ok(ordinary.then(|| (ours.u[0] - theirs.u[0]).amax()))
+    let apart = distance([&ours, &theirs]);
+    if !ordinary {
+        return Ok(None);
+    }
+    // Where answers within the tolerance are farther apart than 1e-5, the cost is flat, and a hundredth of the tolerance brings them together.
+    prop_assert!(
+        apart <= 1e-5 || tighter_distance(&problem) <= 1e-5,
+        "first inputs {apart:e} apart"
+    );
+    Ok(Some(apart))
 }
 
 /// State sizes from 1 to 12 in all residues of four, the width of the structured solver's vectors, with 1 to 4 inputs. Each size is
@@ -212,26 +240,15 @@ fn long_ordinary_problems_are_solved_or_refused_without_exception() {
     }
 }
 
-// Two good solvers may differ in the full vector on near-degenerate problems, where the cost is flat: objectives are
-// compared above, on every problem. Measured: 599 of 600 solved, 593 first inputs within 1e-5.
+// Agreement of the solved ones says little where few are. Measured: 600 of 600 solved, 600 first inputs within 1e-5.
 #[test]
 fn nearly_all_are_solved_and_first_inputs_agree() {
     let distances: Vec<f64> = (0..1000)
         .filter_map(|seed| agree_in_size(seed as usize % 4, seed, &Recipe::any(seed, 30)).unwrap())
         .collect();
     // Three fifths of the problems are feasible with ordinary weights.
-    assert!(
-        distances.len() >= 594,
-        "only {} of 600 solved",
-        distances.len()
-    );
-    let close = distances
-        .iter()
-        .filter(|&&distance| distance <= 1e-5)
-        .count();
-    assert!(
-        close * 100 >= distances.len() * 98,
-        "{close} of {} agree",
-        distances.len()
-    );
+    let solved = distances.len();
+    assert!(solved >= 597, "only {solved} of 600 solved");
+    let close = distances.iter().filter(|&&apart| apart <= 1e-5).count();
+    assert!(close >= 597, "only {close} of {solved} agree");
 }
