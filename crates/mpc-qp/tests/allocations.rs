@@ -3,10 +3,11 @@
 use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{
-    OcpQp, OcpSolver, Solution, SolveStatus, SolverSettings, Stage, Start, StructuredSolver,
-    Terminal, TerminalSet,
+    ConstraintGroup, OcpQp, OcpSolver, ProblemError, Solution, SolveStatus, SolverSettings, Stage,
+    Start, StructuredSolver, Terminal, TerminalSet,
 };
 use nalgebra::{Matrix1, Matrix2, Vector2};
+use std::time::Duration;
 
 #[test]
 fn refill_and_solve_allocate_nothing() {
@@ -69,24 +70,48 @@ fn problems_in_other_units_allocate_nothing_either() {
     }
 }
 
-// More iterations than the interior point may take: the careful pass ran.
+/// Brings `problem` to the values of `other`, which has its structure.
+fn refill<const NX: usize, const NU: usize>(
+    problem: &mut OcpQp<NX, NU>,
+    other: &OcpQp<NX, NU>,
+) -> Result<(), ProblemError> {
+    problem.set_initial_state(other.initial_state())?;
+    problem.set_previous_input(other.previous_input())?;
+    problem.set_softening(*other.softening())?;
+    problem.set_terminal(other.terminal())?;
+    (other.stages().iter().enumerate()).try_for_each(|(k, stage)| problem.set_stage(k, stage))
+}
+
+// Rows, rates, soft groups, every terminal set, contradictions. More iterations than the interior point may take: the careful pass ran.
 #[test]
-fn hard_and_infeasible_problems_allocate_nothing_either() {
-    let (mut most, mut refused) = (0, 0);
+fn no_kind_of_constraint_and_no_end_allocates() {
+    let (mut most, mut refused, mut soft, mut stopped) = (0, 0, 0, 0);
     for seed in 0..300 {
-        let problem = random::problem::<6, 2>(seed, &Recipe::any(seed, 30)).unwrap();
+        let recipe = Recipe::any(seed, 30);
+        let mut problem = random::problem::<6, 2>(seed + 1000, &recipe).unwrap();
+        let other = random::problem::<6, 2>(seed, &recipe).unwrap();
         let mut solver = StructuredSolver::new(&problem, SolverSettings::default()).unwrap();
         let mut solution = Solution::new(&problem);
         let counted = allocation_counter::measure(|| {
+            refill(&mut problem, &other).unwrap();
             solver.solve(&problem, Start::Cold, &mut solution).unwrap();
+            most = most.max(solution.iterations);
+            let proved = matches!(solution.status, SolveStatus::PrimalInfeasible { .. });
+            refused += usize::from(proved);
+            soft += usize::from(solution.slacks.largest(ConstraintGroup::StateBounds) > 0.0);
+            solution.shift(&problem).unwrap();
+            solver.solve(&problem, Start::Warm, &mut solution).unwrap();
+            solver.set_time_limit(Some(Duration::ZERO));
+            solver.solve(&problem, Start::Warm, &mut solution).unwrap();
+            stopped += usize::from(solution.status == SolveStatus::TimeLimit);
         });
         assert_eq!(counted.count_total, 0, "seed {seed}");
-        most = most.max(solution.iterations);
-        let proved = matches!(solution.status, SolveStatus::PrimalInfeasible { .. });
-        refused += usize::from(proved);
     }
     assert!(most > 60, "at most {most} iterations");
-    assert!(refused > 30, "{refused} infeasible");
+    assert!(
+        refused > 30 && soft > 10 && stopped > 100,
+        "{refused} infeasible, {soft} gave way, {stopped} out of time"
+    );
 }
 
 #[test]

@@ -5,11 +5,13 @@
 mod awkward;
 mod certificates;
 mod closed_forms;
+mod extremes;
 mod limits;
 mod literature;
 mod plants;
 mod properties;
 mod random;
+mod reports;
 mod softening;
 mod units;
 

@@ -19,6 +19,16 @@ fn soft(group: ConstraintGroup, penalty: Penalty) -> Softening {
     softening
 }
 
+/// Largest distance of inputs and states.
+fn distance<const NX: usize, const NU: usize>(
+    one: &Solution<NX, NU>,
+    other: &Solution<NX, NU>,
+) -> f64 {
+    let of_inputs = one.u.iter().zip(&other.u).map(|(a, b)| (a - b).amax());
+    let of_states = one.x.iter().zip(&other.x).map(|(a, b)| (a - b).amax());
+    of_inputs.chain(of_states).fold(0.0, f64::max)
+}
+
 #[test]
 fn exact_penalty_above_the_multiplier_bound_leaves_the_solution_and_below_it_gives_way() {
     let groups = [
@@ -43,14 +53,21 @@ fn exact_penalty_above_the_multiplier_bound_leaves_the_solution_and_below_it_giv
                 let softened = problem.clone().with_softening(softening).unwrap();
                 for (i, (solver, soft)) in answers(&softened).into_iter().enumerate() {
                     let violation = soft.slacks.largest(group);
-                    let hard = hard[i].1.objective;
-                    let saved = (hard - soft.objective) / hard.abs().max(1.0);
+                    let (hard, reported) =
+                        (&hard[i].1, soft.multipliers.exact_penalty_bound(group));
+                    let saved = (hard.objective - soft.objective) / hard.objective.abs().max(1.0);
                     if factor > 1.0 {
                         // Gap tolerance 1e-8 over a price at least 1e-3 above the multiplier.
                         assert!(
                             violation < 1e-5 && saved.abs() < 1e-6,
                             "{solver}, seed {seed} {group}: {violation:e} {saved:e}"
                         );
+                        // Two answers to one problem, each within its gap of the optimum.
+                        let apart = distance(hard, &soft);
+                        assert!(apart <= 1e-4, "{solver}, seed {seed} {group}: {apart:e}");
+                        // The multipliers are the hard problem's, so the bound that it reports is the one that made the price exact.
+                        let error = (reported - bound).abs() / bound;
+                        assert!(error <= 1e-3, "{solver}, seed {seed} {group}: {error:e}");
                         held[i] += 1;
                     } else {
                         assert!(saved > -1e-7, "a relaxation costs no more: {saved:e}");
