@@ -5,6 +5,7 @@
     reason = "a scene that cannot be set up fails its test"
 )]
 
+mod agreement;
 mod closed_loop;
 mod copies;
 mod deadline;
