@@ -181,6 +181,8 @@ fn position_settings(scenario: &Scenario, speed_mm_s: f64) -> PositionPathSettin
         v_min_mm_s: scenario.limits.v_min_mm_s,
         v_max_mm_s: scenario.limits.v_max_mm_s,
         omega_max_rad_s: scenario.limits.omega_max_rad_s,
+        v_rate_max_mm_s2: scenario.limits.v_rate_max_mm_s2,
+        omega_rate_max_rad_s2: scenario.limits.omega_rate_max_rad_s2,
         ..PositionPathSettings::default()
     }
 }

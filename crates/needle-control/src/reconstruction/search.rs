@@ -1,5 +1,5 @@
 //! Gauss-Newton by multiple shooting over a whole path, as the nonlinear controller does over its horizon: the structured solver's work
-//! grows linearly with the number of stages.
+//! grows linearly with the number of stages. Limits and rates hold for every iterate; the first input may be any within the limits.
 //!
 //! A step, or its half, quarter or eighth, is taken if it lowers the cost or the sum of the defects below those of every iterate before it
 //! (a filter, Fletcher and Leyffer, 2002): with one weight between the two, defects of some microns forbid the long turns of roll that a
@@ -7,11 +7,14 @@
 //! they succeed. Where nothing helps the search goes on, once, from the closest simulation of its inputs met so far, which has no defect.
 
 use super::ReconstructionError;
+use crate::limits::InputLimits;
 use mpc_qp::{
     OcpQp, OcpSolver, Solution, SolverSettings, Stage, Start, StructuredSolver, Terminal,
 };
 use nalgebra::{Matrix6, Matrix6x2, Vector2, Vector6};
-use needle_model::{Input, Pose, PositionPathProblem, ReferencePath, StepError};
+use needle_model::{
+    Input, Pose, PositionPathProblem, PositionPathSettings, ReferencePath, StepError,
+};
 
 /// Relative change of the cost, and sum of the defects, mm and rad alike, at which the iteration has settled. Against targets
 /// that are worth their sigma both are nothing: 1e-4 rad over 100 mm are 0.01 mm.
@@ -62,6 +65,8 @@ pub(super) struct Search<'a> {
     problem: &'a PositionPathProblem,
     program: OcpQp<6, 2>,
     stage: Stage<6, 2>,
+    /// Largest change of each input between steps.
+    most_change: Vector2<f64>,
     solver: StructuredSolver<6, 2>,
     solution: Solution<6, 2>,
     here: Iterate,
@@ -81,11 +86,16 @@ impl<'a> Search<'a> {
         let mut stage = Stage::new(Matrix6::identity(), Matrix6x2::zeros());
         stage.u_min = Vector2::new(settings.v_min_mm_s, -settings.omega_max_rad_s);
         stage.u_max = Vector2::new(settings.v_max_mm_s, settings.omega_max_rad_s);
-        let stages = vec![stage.clone(); guess.inputs().len()];
+        let most_change =
+            Vector2::new(settings.v_rate_max_mm_s2, settings.omega_rate_max_rad_s2) * settings.dt_s;
+        let mut stages = vec![stage.clone(); guess.inputs().len()];
+        for later in stages.iter_mut().skip(1) {
+            (later.du_min, later.du_max) = (-most_change, most_change);
+        }
         let program = OcpQp::new(Vector6::zeros(), stages, Terminal::new(Matrix6::zeros()))?;
         let here = Iterate {
             poses: guess.poses().to_vec(),
-            inputs: guess.inputs().to_vec(),
+            inputs: within_reach(settings, guess.inputs()),
         };
         let (merit, closest) = (merit(problem, &here)?, simulated(problem, &here)?);
         Ok(Self {
@@ -94,6 +104,7 @@ impl<'a> Search<'a> {
             solution: Solution::new(&program),
             program,
             stage,
+            most_change,
             here,
             widest_gap: merit.gap + ROOM,
             merit,
@@ -229,6 +240,11 @@ impl<'a> Search<'a> {
                 .solved_for_target();
             let here = Vector2::new(input.v_mm_s, input.omega_rad_s);
             let stage = &mut self.stage;
+            stage.du_max = match k {
+                0 => Vector2::repeat(f64::INFINITY),
+                _ => self.most_change,
+            };
+            stage.du_min = -stage.du_max;
             stage.c = link.c - link.b * here;
             (stage.a, stage.b) = (link.a, link.b);
             stage.q = terms.by_pose.tr_mul(&terms.by_pose);
@@ -264,13 +280,30 @@ fn merit(
     Ok(Merit { cost, gap })
 }
 
-/// The needle's own way under an iterate's inputs, and its cost.
+/// Inputs that limits and rates allow one after the other, near those given; a solver keeps both to its tolerance.
+fn within_reach(settings: &PositionPathSettings, inputs: &[Input]) -> Vec<Input> {
+    let limits = InputLimits {
+        v_min_mm_s: settings.v_min_mm_s,
+        v_max_mm_s: settings.v_max_mm_s,
+        omega_max_rad_s: settings.omega_max_rad_s,
+        v_rate_max_mm_s2: settings.v_rate_max_mm_s2,
+        omega_rate_max_rad_s2: settings.omega_rate_max_rad_s2,
+    };
+    let mut held: Option<Input> = None;
+    let reached = inputs.iter().map(|&input| {
+        let before = held.unwrap_or_else(|| limits.admissible(input, input, f64::INFINITY));
+        *held.insert(limits.admissible(input, before, settings.dt_s))
+    });
+    reached.collect()
+}
+
+/// The needle's own way under an iterate's inputs, as far as rates allow them, and its cost.
 fn simulated(
     problem: &PositionPathProblem,
     from: &Iterate,
 ) -> Result<(f64, Iterate), ReconstructionError> {
-    let (first, inputs) = (from.poses[0], from.inputs.clone());
-    let dt_s = problem.settings().dt_s;
+    let (first, dt_s) = (from.poses[0], problem.settings().dt_s);
+    let inputs = within_reach(problem.settings(), &from.inputs);
     let path = ReferencePath::from_inputs(problem.needle(), first, inputs, dt_s)?;
     let iterate = Iterate {
         poses: path.poses().to_vec(),

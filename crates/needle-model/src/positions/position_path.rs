@@ -4,7 +4,7 @@
 //! Posed as a least-squares problem over poses g_0 .. g_N and inputs u_0 .. u_{N-1} (multiple shooting):
 //!   minimise  sum |p_k - y_k|^2 / sigma_p^2 + sum |v_k - v_ref|^2 / sigma_v^2
 //!                                            + sum |omega_k - omega_guess_k|^2 / sigma_omega^2
-//!   subject to  log(g_{k+1}^-1 g_k exp(V(u_k) dt)) = 0,  v and omega within limits.
+//!   subject to  log(g_{k+1}^-1 g_k exp(V(u_k) dt)) = 0,  v and omega within limits, and their changes within rates.
 //! The targets y_k lie on a smooth curve at equal arc length. This file gives residuals, Jacobians,
 //! initial guess and limits; the solve belongs to a crate with a solver.
 

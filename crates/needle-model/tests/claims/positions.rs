@@ -283,6 +283,11 @@ fn unusable_positions_and_settings_are_refused_by_name() {
     let good = PositionPathSettings::default();
     assert_eq!(refused(good), "");
     assert_eq!(refused(PositionPathSettings { dt_s: 0.0, ..good }), "dt_s");
+    let backwards = PositionPathSettings {
+        omega_rate_max_rad_s2: -1.0,
+        ..good
+    };
+    assert_eq!(refused(backwards), "omega_rate_max_rad_s2");
     let crawling = PositionPathSettings {
         speed_mm_s: 1e-12,
         v_min_mm_s: 0.0,
