@@ -39,6 +39,14 @@ pub trait SteeringLaw {
     /// The input that the law asks for; limits and the end of the path are the carrier's business.
     fn wanted(&mut self, sample: &PathSample<'_>) -> Input;
 
+    /// Checks that the law is one for `path` and a sample each `dt_s`; one without data of its own on a path is one for any.
+    ///
+    /// # Errors
+    /// [`BaselineError::OtherPath`] or [`BaselineError::OtherSampleTime`] of a law that was made for another.
+    fn fits(&self, _path: &ReferencePath, _dt_s: f64) -> Result<(), BaselineError> {
+        Ok(())
+    }
+
     /// Forgets integrators and cycles.
     fn reset(&mut self);
 }
@@ -55,7 +63,7 @@ impl<L: SteeringLaw> LawController<L> {
     /// Follows `path` with `needle` by `law`.
     ///
     /// # Errors
-    /// [`BaselineError`] names the first setting that is wrong.
+    /// [`BaselineError`] names the first setting that is wrong, or says that the law was made for another path.
     pub fn new(
         path: ReferencePath,
         needle: Needle,
@@ -63,6 +71,7 @@ impl<L: SteeringLaw> LawController<L> {
         settings: BaselineSettings,
     ) -> Result<Self, BaselineError> {
         settings.validate()?;
+        law.fits(&path, settings.dt_s)?;
         Ok(Self {
             tracker: PathTracker::new(path, needle, settings),
             law,

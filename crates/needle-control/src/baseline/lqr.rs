@@ -39,10 +39,15 @@ impl Default for LqrWeights {
 pub struct TimeVaryingLqr {
     /// 2x6: inputs (v, omega) by errors (linear mm, angular rad).
     gains: Vec<SMatrix<f64, 2, 6>>,
+    /// Sample time that they are for, s.
+    dt_s: f64,
 }
 
+/// Relative difference of sample times that is rounding.
+const SAME_TIME: f64 = 1e-9;
+
 impl TimeVaryingLqr {
-    /// Gains along `path` for `needle`. Cost and memory are linear in the length of the path.
+    /// Gains along `path` for `needle`, for a loop at the path's own sample time. Cost and memory are linear in the length of the path.
     ///
     /// # Errors
     /// [`BaselineError`]: a weight that is not positive, or a chain without answer, with its step.
@@ -55,13 +60,15 @@ impl TimeVaryingLqr {
             all_positive(&[("weight", *weight)])?;
         }
         all_positive(&[("terminal", weights.terminal)])?;
+        let dt_s = path.dt_s();
         if path.inputs().is_empty() {
-            return Ok(Self { gains: Vec::new() });
+            let gains = Vec::new();
+            return Ok(Self { gains, dt_s });
         }
         let mut models = Vec::with_capacity(path.inputs().len());
         for (step, &input) in path.inputs().iter().enumerate() {
             let StepJacobians { a, b, .. } = needle
-                .linearise(input, path.dt_s())
+                .linearise(input, dt_s)
                 .map_err(|source| BaselineError::Linearisation { step, source })?;
             models.push((
                 Mat::from_fn(6, 6, |i, j| a[(i, j)]),
@@ -81,13 +88,14 @@ impl TimeVaryingLqr {
             .iter()
             .map(|k| SMatrix::from_fn(|i, j| k[(i, j)]))
             .collect();
-        Ok(Self { gains })
+        Ok(Self { gains, dt_s })
     }
 }
 
 impl SteeringLaw for TimeVaryingLqr {
     fn wanted(&mut self, sample: &PathSample<'_>) -> Input {
         let reference = sample.reference_input();
+        // At the last pose there is no step any more.
         let Some(gain) = self.gains.get(sample.step).or(self.gains.last()) else {
             return reference;
         };
@@ -97,6 +105,20 @@ impl SteeringLaw for TimeVaryingLqr {
             v_mm_s: reference.v_mm_s + correction[0],
             omega_rad_s: reference.omega_rad_s + correction[1],
         }
+    }
+
+    fn fits(&self, path: &ReferencePath, dt_s: f64) -> Result<(), BaselineError> {
+        let (expected, found) = (self.gains.len(), path.inputs().len());
+        if expected != found {
+            return Err(BaselineError::OtherPath { expected, found });
+        }
+        for found in [path.dt_s(), dt_s] {
+            let expected = self.dt_s;
+            if (found - expected).abs() > SAME_TIME * expected {
+                return Err(BaselineError::OtherSampleTime { expected, found });
+            }
+        }
+        Ok(())
     }
 
     fn reset(&mut self) {}

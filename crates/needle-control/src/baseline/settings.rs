@@ -51,6 +51,22 @@ pub enum BaselineError {
         /// What is wrong with it.
         source: StepError,
     },
+    /// The law was made for a path of another number of steps.
+    #[error("the law is for a path of {expected} steps, found {found}")]
+    OtherPath {
+        /// Steps of the law's path.
+        expected: usize,
+        /// Steps of the path to follow.
+        found: usize,
+    },
+    /// The law was made for another sample time.
+    #[error("the law is for samples of {expected} s, found {found} s")]
+    OtherSampleTime {
+        /// The law's, s.
+        expected: f64,
+        /// The path's or the loop's, s.
+        found: f64,
+    },
     /// The backward Riccati chain has no answer.
     #[error(transparent)]
     Chain(#[from] ChainError),

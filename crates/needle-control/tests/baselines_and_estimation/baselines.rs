@@ -333,3 +333,32 @@ fn settings_that_make_no_sense_are_named() {
     };
     assert!(TimeVaryingLqr::new(&helix_path(KAPPA_PER_MM), needle(), weights).is_err());
 }
+
+#[test]
+fn a_law_is_refused_for_another_path_than_its_own() {
+    let of_path = |path: &ReferencePath| TimeVaryingLqr::new(path, needle(), LqrWeights::default());
+    let path = helix_path(1.0);
+    let point = ReferencePath::from_samples(vec![Pose::identity()], Vec::new(), DT_S).unwrap();
+    let refused = |law: TimeVaryingLqr, path: &ReferencePath, dt_s: f64| {
+        let settings = BaselineSettings {
+            dt_s,
+            ..BaselineSettings::default()
+        };
+        LawController::new(path.clone(), needle(), law, settings).err()
+    };
+    let law = of_path(&path).unwrap();
+    assert_eq!(refused(law.clone(), &path, DT_S), None);
+    let steps = path.inputs().len();
+    let (expected, found) = (0, steps);
+    let nothing = of_path(&point).unwrap();
+    let other = Some(BaselineError::OtherPath { expected, found });
+    assert_eq!(refused(nothing, &path, DT_S), other);
+    // The same steps in half the time.
+    let twice =
+        ReferencePath::from_samples(path.poses().to_vec(), path.inputs().to_vec(), 0.5 * DT_S);
+    for (path, dt_s) in [(&path, 0.5 * DT_S), (&twice.unwrap(), DT_S)] {
+        let (expected, found) = (DT_S, 0.5 * DT_S);
+        let other = Some(BaselineError::OtherSampleTime { expected, found });
+        assert_eq!(refused(law.clone(), path, dt_s), other);
+    }
+}
