@@ -17,21 +17,24 @@ use std::time::{Duration, Instant};
 pub struct Survival {
     /// Wall time that a step may take; a later answer is not applied. `None` for no deadline.
     pub deadline: Option<Duration>,
-    /// Oldest plan that may stand in for a failed step, in samples.
+    /// Oldest plan that may stand in for a failed step, in samples. A gap of the clock counts as one sample more at most: by then the
+    /// needle was to be brought to rest.
     pub max_plan_age: usize,
-    /// Distance from the expected position, at first the start of the path, beyond which a measurement is an outlier, mm. After
-    /// `max_plan_age` outliers without a credible one between them the next one is believed. Samples that are missing are no
-    /// outliers: they widen the gate by what the needle can travel meanwhile.
+    /// Distance from the expected position, at first the start of the path, beyond which a measurement is an outlier, mm. Samples that
+    /// are missing are no outliers: they widen the gate by what the needle can travel meanwhile.
     pub max_jump_mm: f64,
+    /// Outliers without a credible measurement between them after which the next one is believed.
+    pub max_outliers: usize,
 }
 
 impl Default for Survival {
-    /// No deadline, plans of at most 10 samples, jumps of at most 10 mm.
+    /// No deadline, plans of at most 10 samples, jumps of at most 10 mm, 10 outliers in a row.
     fn default() -> Self {
         Self {
             deadline: None,
             max_plan_age: 10,
             max_jump_mm: 10.0,
+            max_outliers: 10,
         }
     }
 }
@@ -39,6 +42,7 @@ impl Default for Survival {
 impl Survival {
     pub(crate) fn validate(&self) -> Result<(), ConfigurationError> {
         count("survival.max_plan_age", self.max_plan_age, MOST_STAGES)?;
+        count("survival.max_outliers", self.max_outliers, MOST_STAGES)?;
         positive("survival.max_jump_mm", self.max_jump_mm)
     }
 }
@@ -157,7 +161,7 @@ impl Guard {
             true => self.limits.v_max_mm_s.max(-self.limits.v_min_mm_s) * self.blind_s,
             false => 0.0,
         };
-        self.refused >= self.survival.max_plan_age
+        self.refused >= self.survival.max_outliers
             || self.expected.is_none_or(|expected| {
                 let jump_mm = (pose.position_mm - expected.position_mm).norm();
                 jump_mm <= self.survival.max_jump_mm + strayed_mm

@@ -1,7 +1,8 @@
 //! Where on the path a controller is, and what lies ahead: poses, inputs and bending of the reference over the horizon.
 //!
-//! The path is sampled at the controller's own step from the present path time on, along the screw motion between its samples,
-//! so neither clock jitter nor another sample time of the path matters. Past the end the last pose repeats with zero input.
+//! The path is sampled at the controller's own step from the present path time on, along the screw motion between its samples, and its inputs
+//! are the means over such a step: so neither clock jitter nor another sample time of the path matters, and the step in which the path ends
+//! asks for no more than what is left of it. Past the end the last pose repeats with zero input.
 
 use crate::controller::StopReason;
 use nalgebra::Vector3;
@@ -10,7 +11,8 @@ use needle_model::{Input, PathProgress, Pose, ReferencePath};
 /// What fixes the present point of the path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Tracking {
-    /// The time since the first step: the tip is to be at a place at a time.
+    /// The time since the first pose that was believed: the tip is to be at a place at a time. A robot that waits for its first image
+    /// has lost nothing by it.
     #[default]
     Time,
     /// The nearest point of the path, never backwards: the tip is to be on the path, at the path's speed. A path that turns in
@@ -24,6 +26,9 @@ const LOOKAHEAD: usize = 20;
 /// Samples from which on a time without a measurement is a gap, in which the needle may have gone any way.
 const GAP: f64 = 3.0;
 
+/// Part of a sample that is rounding of a quotient of times.
+const SAMPLE_ROUNDING: f64 = 1e-9;
+
 /// Distance along the last tangent at which the end of the path counts as reached, mm.
 const END_TOLERANCE_MM: f64 = 0.02;
 
@@ -34,6 +39,8 @@ pub(crate) struct Tracker {
     tracking: Tracking,
     progress: Option<PathProgress>,
     dt_s: f64,
+    /// Whether the tip was seen.
+    begun: bool,
     time_s: f64,
     finished: Option<StopReason>,
     /// Reference poses, N + 1.
@@ -50,6 +57,7 @@ impl Tracker {
             tracking,
             progress: None,
             dt_s,
+            begun: false,
             time_s: 0.0,
             finished: None,
             poses: vec![Pose::identity(); horizon + 1],
@@ -74,14 +82,12 @@ impl Tracker {
 
     /// Input of the reference one step before the present point; at the start of the path its first one.
     pub(crate) fn input_before(&self) -> Input {
-        let (step, _) = self.sample((self.time_s - self.dt_s).max(0.0));
-        self.path.inputs().get(step).copied().unwrap_or_default()
+        self.mean_input((self.time_s - self.dt_s).max(0.0))
     }
 
     /// Input of the reference just after the horizon.
     pub(crate) fn input_beyond(&self) -> Input {
-        let (step, _) = self.sample(self.time_s + self.inputs.len() as f64 * self.dt_s);
-        self.path.inputs().get(step).copied().unwrap_or_default()
+        self.mean_input(self.time_s + self.inputs.len() as f64 * self.dt_s)
     }
 
     /// Steps from the horizon's end to the path's.
@@ -107,8 +113,12 @@ impl Tracker {
                 let last_s = self.path.duration_s().max(self.time_s);
                 self.time_s = (self.time_s + travelled_s).min(last_s);
             }
-            (Tracking::Time, _) => self.time_s = (self.time_s + elapsed_s).min(f64::MAX),
+            (Tracking::Time, _) if self.begun => {
+                self.time_s = (self.time_s + elapsed_s).min(f64::MAX);
+            }
+            (Tracking::Time, _) => {}
         }
+        self.begun |= pose.is_some();
         self.look_ahead();
     }
 
@@ -126,18 +136,35 @@ impl Tracker {
                 true => self.path.pose_at_time(time_s),
                 false => self.path.poses()[step],
             };
-            if let Some(input) = self.inputs.get_mut(k) {
-                *input = self.path.inputs().get(step).copied().unwrap_or_default();
+            if k < self.inputs.len() {
+                self.inputs[k] = self.mean_input(time_s);
             }
         }
+    }
+
+    /// Mean of the reference's inputs over a step from a time on; zero past the end.
+    fn mean_input(&self, time_s: f64) -> Input {
+        let samples = self.dt_s / self.path.dt_s();
+        let (step, mut begun) = self.sample(time_s);
+        let (mut mean, mut left) = (Input::ZERO, samples);
+        for input in self.path.inputs().iter().skip(step) {
+            let part = left.min(1.0 - begun);
+            mean.v_mm_s += input.v_mm_s * part / samples;
+            mean.omega_rad_s += input.omega_rad_s * part / samples;
+            (left, begun) = (left - part, 0.0);
+            if left < SAMPLE_ROUNDING {
+                break;
+            }
+        }
+        mean
     }
 
     /// Step at or before a time, and the fraction of the next one; a fraction of rounding is none.
     fn sample(&self, time_s: f64) -> (usize, f64) {
         let position = (time_s / self.path.dt_s()).max(0.0);
-        let step = ((position + 1e-9) as usize).min(self.path.inputs().len());
+        let step = ((position + SAMPLE_ROUNDING) as usize).min(self.path.inputs().len());
         let beyond = position - step as f64;
-        let fraction = if beyond < 1e-9 || step == self.path.inputs().len() {
+        let fraction = if beyond < SAMPLE_ROUNDING || step == self.path.inputs().len() {
             0.0
         } else {
             beyond
@@ -229,6 +256,7 @@ impl Tracker {
     /// As newly made.
     pub(crate) fn reset(&mut self) {
         self.progress = None;
+        self.begun = false;
         self.time_s = 0.0;
         self.finished = None;
     }

@@ -6,6 +6,7 @@
 )]
 
 mod agreement;
+mod beginning_and_end;
 mod closed_loop;
 mod copies;
 mod deadline;

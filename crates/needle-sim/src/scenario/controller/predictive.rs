@@ -54,6 +54,14 @@ fn survival(survival: &mut Survival, keys: &mut dyn Keys) {
         Allowed::POSITIVE,
         about,
     );
+    let about = "outliers in a row after which the next one is believed";
+    size(
+        keys,
+        "max_outliers",
+        &mut survival.max_outliers,
+        (1, 1000),
+        about,
+    );
 }
 
 pub(super) fn nmpc(c: &mut NmpcConfiguration, keys: &mut dyn Keys) {
