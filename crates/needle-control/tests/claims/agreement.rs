@@ -96,8 +96,8 @@ fn both_solvers_give_the_same_first_input_of_each_program() {
     let found = found.lock().unwrap();
     println!("{found:?}");
     assert!(found.programs > 200, "{found:?}");
-    // Measured: 2.8e-6, and less than 1e-5 where Clarabel fell short.
+    // Measured: 2.8e-6, and 7.6e-6 in the 20 programs where Clarabel fell short.
     assert!(found.largest < 1e-5, "{found:?}");
     assert!(found.largest_short < 1e-4, "{found:?}");
-    assert!(10 * found.short <= found.programs, "{found:?}");
+    assert!(5 * found.short <= found.programs, "{found:?}");
 }
