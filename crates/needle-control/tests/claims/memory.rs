@@ -56,7 +56,7 @@ fn drive(controller: &mut dyn Controller, needle: Needle, told: Option<f64>) -> 
             match decided.origin {
                 Origin::Stop { .. } => account.stopped = true,
                 Origin::Optimal | Origin::Degraded { .. } => {
-                    account.planned_again |= account.stopped
+                    account.planned_again |= account.stopped;
                 }
                 _ => {}
             }
