@@ -94,7 +94,7 @@ fn write_scenarios(cells: &[(&Case, &'static str)], folder: &Path) -> Result<(),
 /// Two tables in Markdown: a summary, a row a case, and all figures. Those of several runs are mean and standard deviation.
 fn tables(rows: &[Row]) -> String {
     let mut text = String::from(
-        "Root mean square distance (of the last row: distance at the end), mm, and rotation, revolutions:\n\n",
+        "Root mean square distance (of the last two rows: distance at the end), mm, and rotation, revolutions:\n\n",
     );
     let dashes = " --- |".repeat(1 + CONTROLLERS.len());
     // Writing to a string cannot fail.
