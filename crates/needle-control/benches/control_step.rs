@@ -19,6 +19,8 @@ use std::time::Duration;
 const DT_S: f64 = 0.1;
 const STEPS: usize = 50;
 const NOISE_MM: f64 = 0.05;
+/// Now and then a plan touches it.
+const CORRIDOR_MM: f64 = 0.2;
 
 /// Times a closed loop that is warm from its first step on: the measurements are those of one run.
 fn benchmark<C: Controller + Clone>(
@@ -93,6 +95,24 @@ fn control_steps(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
         }
         benchmark(criterion, &name, needle, false, ltv)?;
     }
+    let kept = LinearConfiguration {
+        corridor_mm: Some(CORRIDOR_MM),
+        ..LinearConfiguration::default()
+    };
+    let ltv = LtvController::new(needle, path(needle)?, kept)?;
+    benchmark(criterion, "ltv, N = 20, in a corridor", needle, false, ltv)?;
+    let kept = NmpcConfiguration {
+        corridor_mm: Some(CORRIDOR_MM),
+        ..NmpcConfiguration::default()
+    };
+    let nmpc = NmpcController::new(needle, curve.clone(), kept)?;
+    benchmark(
+        criterion,
+        "nmpc, N = 20, in a corridor",
+        needle,
+        false,
+        nmpc,
+    )?;
     for horizon in [20, 40] {
         let configuration = NmpcConfiguration {
             horizon,
@@ -107,7 +127,7 @@ fn control_steps(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
 
 /// A controller that cannot be made ends the run with its reason.
 fn main() -> Result<(), Box<dyn Error>> {
-    // Eleven programs of 3 + 10 s, and the analysis.
+    // Thirteen programs of 3 + 10 s, and the analysis.
     let mut criterion = Criterion::default()
         .warm_up_time(Duration::from_secs(3))
         .measurement_time(Duration::from_secs(10))

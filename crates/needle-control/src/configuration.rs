@@ -18,6 +18,12 @@ pub enum ConfigurationError {
         /// As given.
         found: f64,
     },
+    /// The model has no offset across the path: the straight needle's is depth and roll.
+    #[error("a corridor of {corridor_mm} mm means nothing to a model of depth and roll")]
+    CorridorOfStraightNeedle {
+        /// Half-width as given, mm.
+        corridor_mm: f64,
+    },
     /// The limits of the actuators.
     #[error(transparent)]
     Limits(#[from] LimitsError),

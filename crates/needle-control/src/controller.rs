@@ -1,6 +1,6 @@
 //! The one interface of every controller: a measurement in, an input inside the limits out, on time, with its origin told.
 
-use mpc_qp::{ConstraintGroup, SolveStatus};
+use mpc_qp::SolveStatus;
 use needle_model::{Input, Pose};
 use std::time::Duration;
 
@@ -35,10 +35,8 @@ pub enum Origin {
     Law,
     /// The same, of a plan that violates soft constraints.
     Degraded {
-        /// The group with the largest violation.
-        softened: ConstraintGroup,
-        /// That violation, in the group's own unit.
-        violation: f64,
+        /// Which, and by how much.
+        softened: Softened,
     },
     /// The plan of an earlier step, shifted: this step gave no usable answer. Of an explicit law, its answer to the last believed pose,
     /// carried on by the model.
@@ -51,6 +49,25 @@ pub enum Origin {
         /// Why.
         reason: StopReason,
     },
+}
+
+/// By how much a plan violates each soft constraint; zero for what it keeps.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Softened {
+    /// How far its poses are outside the corridor at most, along a cross axis of the reference, mm.
+    pub corridor_mm: f64,
+    /// How far its end is outside the terminal set, in `sqrt(x'Px)`.
+    pub terminal_set: f64,
+}
+
+impl Softened {
+    /// Of a plan made at this sample.
+    pub(crate) fn origin(self) -> Origin {
+        match self == Self::default() {
+            true => Origin::Optimal,
+            false => Origin::Degraded { softened: self },
+        }
+    }
 }
 
 impl Origin {

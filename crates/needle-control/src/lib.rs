@@ -3,6 +3,7 @@
 mod baseline;
 mod configuration;
 mod controller;
+mod corridor;
 mod estimator;
 mod follower;
 mod limits;
@@ -22,7 +23,9 @@ pub use baseline::{
     SteeringLaw, SteeringPid, TimeVaryingLqr,
 };
 pub use configuration::ConfigurationError;
-pub use controller::{ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason};
+pub use controller::{
+    ControlStep, Controller, Measurement, Origin, Softened, SolverStatistics, StopReason,
+};
 pub use estimator::{
     Belief, CURVATURE, ERROR_DIMENSION, FilterError, FilterSettings, LAG, NeedleFilter,
     Observation, ProcessNoise, ROLL, RollSearch, Verdict,

@@ -19,7 +19,7 @@ pub(crate) struct Goal<const NX: usize> {
     pub(crate) shape: SMatrix<f64, NX, NX>,
     pub(crate) center: SVector<f64, NX>,
     pub(crate) level: f64,
-    /// Rows of the last stage.
+    /// Rows of the last stage, beside its own. Where those are soft these are as well, and an answer that they give way to is none.
     pub(crate) rows: Vec<Row<NX, 2>>,
 }
 
@@ -60,6 +60,18 @@ impl<const NX: usize> Goal<NX> {
             .iter()
             .map(of_row)
             .fold(beyond(radius, allowed), f64::max)
+    }
+
+    /// Whether the goal's own rows, the last ones, hold where soft ones of the stage made them soft.
+    fn keeps_rows(&self, solution: &Solution<NX, 2>) -> bool {
+        let slacks = solution.slacks.stages.last().map(|stage| &stage.rows[..]);
+        let own = slacks
+            .unwrap_or_default()
+            .iter()
+            .rev()
+            .zip(self.rows.iter().rev());
+        own.into_iter()
+            .all(|(slack, row)| *slack <= ON_THE_BOUNDARY * (1.0 + row.upper.abs()))
     }
 }
 
@@ -144,7 +156,9 @@ fn fill<const NX: usize>(
         bound.set_stage(k, stage)?;
     }
     let mut rows = std::mem::take(&mut last.rows);
-    rows.copy_from_slice(&goal.rows);
+    let (of_stage, of_goal) = rows.split_at_mut(source.rows.len());
+    of_stage.copy_from_slice(&source.rows);
+    of_goal.copy_from_slice(&goal.rows);
     *last = Stage { rows, ..*source };
     bound.set_stage(before.len(), last)?;
     terminal.p = free.terminal().p;
@@ -179,12 +193,13 @@ impl<const NX: usize> Programs<NX> {
         };
         let bound = match goal {
             Some(goal) => {
-                last.rows.clone_from(&goal.rows);
+                last.rows.extend_from_slice(&goal.rows);
                 if let Some(stage) = stages.last_mut() {
                     stage.clone_from(&last);
                 }
                 terminal.set = goal.set();
-                let problem = OcpQp::new(*free.initial_state(), stages, terminal.clone())?;
+                let problem = OcpQp::new(*free.initial_state(), stages, terminal.clone())?
+                    .with_softening(*free.softening())?;
                 Some(Program::new(problem, make_solver)?)
             }
             None => None,
@@ -242,7 +257,8 @@ impl<const NX: usize> Programs<NX> {
             let left = remaining.map(|time| time.saturating_sub(started.elapsed()));
             bound.solve(&mut account, left);
         }
-        self.bound_in_force = filled.is_ok() && account.status.has_solution();
+        self.bound_in_force =
+            filled.is_ok() && account.status.has_solution() && goal.keeps_rows(&bound.solution);
         match account.status {
             _ if self.bound_in_force => {}
             // Out of time: a late step is no step, whatever it has.

@@ -1,6 +1,7 @@
 //! Configuration of the linear controllers.
 
 use crate::configuration::{ConfigurationError, count, not_negative, positive};
+use crate::corridor::Corridor;
 use crate::follower::Pursuit;
 use crate::limits::InputLimits;
 use crate::survival::{MOST_STAGES, Survival};
@@ -39,6 +40,10 @@ impl Default for LinearWeights {
     }
 }
 
+/// Price of a millimetre beyond the corridor at one sample, over the sum of the weights. More pulls a tip that is outside by roll errors of which the
+/// linearisation says nothing: at 1000, a start 1 mm and 1 rad off stays 1.1 mm outside for good.
+const WALL_PRICE_PER_MM: f64 = 1.0;
+
 /// Configuration of a [`LtvController`](crate::LtvController) or [`StraightController`](crate::StraightController).
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearConfiguration {
@@ -48,6 +53,10 @@ pub struct LinearConfiguration {
     pub dt_s: f64,
     /// Limits of the actuators.
     pub limits: InputLimits,
+    /// Half-width of the tissue corridor, mm, where there is one: along both cross axes of the reference's frame no predicted position is
+    /// farther than this from the path's, so the tube is square. Soft: a plan that cannot keep it says [`Origin::Degraded`](crate::Origin::Degraded).
+    /// In the linearised error; a needle without bevel has no offset across the path, and its controller refuses.
+    pub corridor_mm: Option<f64>,
     /// Weights of the cost.
     pub weights: LinearWeights,
     /// Terminal cost and set.
@@ -65,6 +74,7 @@ impl Default for LinearConfiguration {
             horizon: 20,
             dt_s: 0.1,
             limits: InputLimits::default(),
+            corridor_mm: None,
             weights: LinearWeights::default(),
             terminal: TerminalChoice::default(),
             tracking: Tracking::default(),
@@ -74,6 +84,13 @@ impl Default for LinearConfiguration {
 }
 
 impl LinearConfiguration {
+    pub(crate) fn corridor(&self) -> Option<Corridor> {
+        let w = &self.weights;
+        let inputs = [w.v, w.omega, w.v_change, w.omega_change];
+        let all: f64 = w.error.iter().chain(&inputs).sum();
+        Corridor::of(self.corridor_mm, WALL_PRICE_PER_MM * all)
+    }
+
     pub(crate) fn pursuit(&self) -> Pursuit {
         Pursuit {
             horizon: self.horizon,
@@ -93,6 +110,8 @@ impl LinearConfiguration {
         positive("dt_s", self.dt_s)?;
         self.limits.validate()?;
         self.survival.validate()?;
+        self.corridor_mm
+            .map_or(Ok(()), |mm| positive("corridor_mm", mm))?;
         for found in self.weights.error {
             not_negative("weights.error", found)?;
         }
@@ -136,6 +155,7 @@ impl LinearConfiguration {
             path,
             dt_s: self.dt_s,
             limits: self.limits,
+            corridor_mm: self.corridor_mm,
             coordinates,
             q,
             r: weights.of_input(),

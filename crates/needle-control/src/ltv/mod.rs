@@ -17,6 +17,7 @@ pub use configuration::{LinearConfiguration, LinearWeights};
 
 use crate::configuration::ConfigurationError;
 use crate::controller::SolverStatistics;
+use crate::corridor::Corridor;
 use crate::follower::Follower;
 use crate::plan_solver::{MakeSolver, PlanSolver, boxed, structured};
 use crate::terminal::{
@@ -41,6 +42,9 @@ pub struct LinearController<const NX: usize> {
     nominal: Option<Nominal>,
     linearisation: Linearisation,
     regulator: Regulator<NX>,
+    corridor: Option<Corridor>,
+    /// The path itself over the horizon, where there is a corridor: a nominal needle may stand in the tracker.
+    axis: Vec<Pose>,
     ingredients: Ingredients,
     chosen: TerminalChoice,
     refused: Vec<RefusedChoice>,
@@ -97,7 +101,8 @@ impl StraightController {
     /// A controller of a straight needle (`curvature_per_mm` of zero) at the start of `path`, on the structured solver.
     ///
     /// # Errors
-    /// As [`LtvController::new`], and [`TerminalError::Bent`](crate::TerminalError::Bent).
+    /// As [`LtvController::new`], and [`TerminalError::Bent`](crate::TerminalError::Bent) or
+    /// [`ConfigurationError::CorridorOfStraightNeedle`].
     pub fn new(
         needle: Needle,
         path: ReferencePath,
@@ -136,18 +141,18 @@ impl<const NX: usize> LinearController<NX> {
         make_solver: MakeSolver<'_, NX>,
     ) -> Result<Self, ConfigurationError> {
         configuration.validate()?;
+        if let Some(corridor_mm) = configuration.corridor_mm
+            && coordinates == DEPTH_AND_ROLL
+        {
+            return Err(ConfigurationError::CorridorOfStraightNeedle { corridor_mm });
+        }
         let problem = configuration.terminal_problem(needle, &path, coordinates);
         let Chosen {
             choice,
             ingredients,
             refused,
         } = problem.choose(configuration.terminal)?;
-        let LinearConfiguration {
-            horizon,
-            dt_s,
-            limits,
-            ..
-        } = configuration;
+        let LinearConfiguration { horizon, dt_s, .. } = configuration;
         let weights = &configuration.weights;
         let mut q = SMatrix::<f64, NX, NX>::zeros();
         for (i, &coordinate) in coordinates.iter().enumerate() {
@@ -161,7 +166,9 @@ impl<const NX: usize> LinearController<NX> {
             nominal: nominal.transpose()?,
             follower: Follower::new(needle, path, configuration.pursuit()),
             linearisation: Linearisation::new(horizon, dt_s),
-            regulator: Regulator::new(stage, horizon, limits, dt_s, &ingredients, make_solver)?,
+            regulator: Regulator::new(stage, &configuration, &ingredients, make_solver)?,
+            corridor: configuration.corridor(),
+            axis: vec![Pose::identity(); horizon + 1],
             ingredients,
             chosen: choice,
             refused,
@@ -210,7 +217,7 @@ impl<const NX: usize> LinearController<NX> {
         TerminalRegion::at_horizon_end(tracker, &self.ingredients, self.coordinates)
     }
 
-    /// Optimal cost V_N of the last step that was solved, in the units of the weights; NaN before.
+    /// Optimal cost V_N of the last step that was solved, in the units of the weights, the price of leaving a corridor included; NaN before.
     #[must_use]
     pub fn value(&self) -> f64 {
         self.value

@@ -45,6 +45,7 @@ impl Nominal {
         let LinearConfiguration {
             dt_s,
             limits,
+            corridor_mm,
             survival,
             ..
         } = *configuration;
@@ -55,6 +56,7 @@ impl Nominal {
             horizon,
             dt_s,
             limits,
+            corridor_mm,
             survival: Survival {
                 // The linear program needs the other half.
                 deadline: survival.deadline.map(|deadline| deadline / 2),

@@ -5,7 +5,9 @@
 //! l = error' Q error + d' R d + (d - d_prev)' R_d (d - d_prev)
 //! ```
 
+use super::configuration::LinearConfiguration;
 use crate::configuration::ConfigurationError;
+use crate::corridor::Corridor;
 use crate::limits::InputLimits;
 use crate::plan_solver::MakeSolver;
 use crate::program::{Account, Goal, Programs};
@@ -52,13 +54,22 @@ pub(crate) fn weighted_stage<const NX: usize>(
 
 impl<const NX: usize> Regulator<NX> {
     pub(crate) fn new(
-        stage: Stage<NX, 2>,
-        horizon: usize,
-        limits: InputLimits,
-        dt_s: f64,
+        mut stage: Stage<NX, 2>,
+        configuration: &LinearConfiguration,
         ingredients: &Ingredients,
         make_solver: MakeSolver<'_, NX>,
     ) -> Result<Self, ConfigurationError> {
+        let LinearConfiguration {
+            horizon,
+            dt_s,
+            limits,
+            ..
+        } = *configuration;
+        let corridor = configuration.corridor();
+        let softening = corridor.map(|corridor| corridor.softening());
+        if corridor.is_some() {
+            stage.rows = Corridor::blank_rows();
+        }
         let stages = vec![stage; horizon];
         let end = ingredients.at(0);
         let terminal = Terminal::new(SMatrix::from_fn(|i, j| end.p[(i, j)]));
@@ -68,7 +79,8 @@ impl<const NX: usize> Regulator<NX> {
             level: end.level.unwrap_or(1.0),
             rows: Vec::new(),
         };
-        let free = OcpQp::new(SVector::zeros(), stages.clone(), terminal.clone())?;
+        let free = OcpQp::new(SVector::zeros(), stages.clone(), terminal.clone())?
+            .with_softening(softening.unwrap_or_default())?;
         Ok(Self {
             programs: Programs::new(free, end.level.map(|_| &goal), make_solver)?,
             stages,

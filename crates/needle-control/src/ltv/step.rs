@@ -3,11 +3,10 @@
 use super::nominal::Nominal;
 use super::{LinearController, LtvController, StraightController};
 use crate::controller::{
-    ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
+    ControlStep, Controller, Measurement, Origin, Softened, SolverStatistics, StopReason,
 };
 use crate::follower::Follower;
 use crate::survival::Sample;
-use mpc_qp::ConstraintGroup;
 use nalgebra::{SVector, Vector2};
 use needle_model::{Input, Pose, StepError};
 use std::time::Instant;
@@ -54,6 +53,13 @@ impl<const NX: usize> LinearController<NX> {
     /// Solves from a pose; `None` without a usable answer.
     fn solve(&mut self, pose: &Pose, sample: &Sample, started: Instant) -> Option<Origin> {
         // The deviation applied last was one from the reference's input at that time.
+        if let Some(corridor) = &mut self.corridor {
+            let Follower {
+                needle, tracker, ..
+            } = &self.follower;
+            self.axis.copy_from_slice(&tracker.poses);
+            corridor.enclose(pose, &self.axis[0], needle.curvature_per_mm());
+        }
         let before = self.refer(pose, sample, started);
         self.linearise().ok()?;
         let Follower { tracker, guard, .. } = &self.follower;
@@ -90,13 +96,13 @@ impl<const NX: usize> LinearController<NX> {
         }
         // The programs carry the factor 1/2 of `mpc-qp`.
         self.value = 2.0 * self.regulator.solution().objective;
-        Some(match answer.violation > 0.0 {
-            true => Origin::Degraded {
-                softened: ConstraintGroup::TerminalSet,
-                violation: answer.violation,
-            },
-            false => Origin::Optimal,
-        })
+        let softened = Softened {
+            corridor_mm: self
+                .corridor
+                .map_or(0.0, |it| it.left_by_mm(self.planned(), &self.axis)),
+            terminal_set: answer.violation,
+        };
+        Some(softened.origin())
     }
 
     /// Puts the nominal needle's plan in the reference's place where the estimated curvature is not the model's; returns the input one
@@ -140,20 +146,34 @@ impl<const NX: usize> LinearController<NX> {
                 }
                 stage.c[i] = step.c[row];
             }
+            if let Some(corridor) = &self.corridor {
+                corridor.write(stage, &tracker.poses[k + 1], &self.axis, k);
+            }
         }
         Ok(())
     }
 
-    /// Poses of the plan; coordinates outside the model keep the present error.
+    /// Takes the plan's poses for those of the plan applied.
     fn predict(&mut self) {
-        let reference = &self.follower.tracker.poses;
-        for (k, x) in self.regulator.solution().x.iter().enumerate() {
-            let mut xi = self.present;
-            for (i, &coordinate) in self.coordinates.iter().enumerate() {
-                xi[coordinate] = x[i];
-            }
-            self.predicted[k] = reference[k].perturbed(&xi);
+        let mut predicted = std::mem::take(&mut self.predicted);
+        for (pose, planned) in predicted.iter_mut().zip(self.planned()) {
+            *pose = planned;
         }
+        self.predicted = predicted;
+    }
+
+    /// Poses of the plan; coordinates outside the model keep the present error.
+    fn planned(&self) -> impl Iterator<Item = Pose> {
+        let errors = self.regulator.solution().x.iter();
+        errors
+            .zip(&self.follower.tracker.poses)
+            .map(|(x, reference)| {
+                let mut xi = self.present;
+                for (i, &coordinate) in self.coordinates.iter().enumerate() {
+                    xi[coordinate] = x[i];
+                }
+                reference.perturbed(&xi)
+            })
     }
 
     fn decided(&mut self, measurement: &Measurement, time_s: f64) -> ControlStep<'_> {

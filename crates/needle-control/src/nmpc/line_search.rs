@@ -28,12 +28,12 @@ impl Shooting {
         // Costates belong to half the cost; twice that bounds the multipliers of the cost itself.
         self.penalty = self.penalty.max(3.0 * dual);
         let gap = self.gap(&self.plan, needle, tracker);
-        let merit = self.cost(&self.plan, tracker) + self.penalty * gap;
-        let slope = self.cost_slope(tracker) - self.penalty * gap;
+        let merit = self.priced_cost(&self.plan, tracker) + self.penalty * gap;
+        let slope = self.cost_slope(tracker) + self.price_slope(tracker) - self.penalty * gap;
         for halvings in 0..LINE_SEARCH_STEPS {
             let length = 0.5_f64.powi(halvings);
             self.try_step(length);
-            let trial = self.cost(&self.trial, tracker)
+            let trial = self.priced_cost(&self.trial, tracker)
                 + self.penalty * self.gap(&self.trial, needle, tracker);
             let rounding = 1e-12 * merit.abs();
             if trial <= merit + SUFFICIENT_DECREASE * length * slope.min(0.0) + rounding {
@@ -85,7 +85,7 @@ impl Shooting {
             held = limits.admissible(along(from[k], &to[k], length), held, since_s);
             held
         });
-        self.cost(&self.trial, &follower.tracker)
+        self.priced_cost(&self.trial, &follower.tracker)
     }
 
     /// Largest entry of the step in poses and inputs.
@@ -127,6 +127,17 @@ impl Shooting {
             })
             .sum();
         defects + self.end.outside(&plan.poses[n], &tracker.poses[n])
+    }
+
+    /// Bound on the derivative of the corridor's price along the step: it is convex along the linearised one.
+    fn price_slope(&self, tracker: &Tracker) -> f64 {
+        let Some(corridor) = &self.corridor else {
+            return 0.0;
+        };
+        let slacks = &self.programs.solution().slacks.stages;
+        let walls = slacks.iter().flat_map(|stage| stage.rows.iter().take(4));
+        let left_mm: f64 = walls.sum();
+        corridor.price_per_mm * left_mm - corridor.cost(&self.plan.poses, &tracker.poses)
     }
 
     /// Derivative of the cost along the step.

@@ -3,7 +3,7 @@
 //! Each step shifts the plan of the step before, moves it to the measured pose and improves it: by one Gauss-Newton step (the
 //! real-time iteration of Diehl, Bock and Schloeder, 2005) or until it converges. Far off the path the program looks beyond its
 //! horizon. The first plan is the best of three candidates: the reference's inputs, and the guessed spin in either sense. Along a path
-//! that the needle executes the horizon can end in a terminal set, with a certificate. Left out: state constraints.
+//! that the needle executes the horizon can end in a terminal set, with a certificate. The tip can be kept in a corridor about the path.
 
 mod configuration;
 mod cost;
@@ -21,7 +21,7 @@ pub use cost::NmpcWeights;
 
 use crate::configuration::ConfigurationError;
 use crate::controller::{
-    ControlStep, Controller, Measurement, Origin, SolverStatistics, StopReason,
+    ControlStep, Controller, Measurement, Origin, Softened, SolverStatistics, StopReason,
 };
 use crate::follower::Follower;
 use crate::plan_solver::{PlanSolver, boxed, structured};
@@ -29,7 +29,7 @@ use crate::survival::Sample;
 use crate::terminal::{ALL_COORDINATES, Chosen, RefusedChoice, TerminalChoice, TerminalRegion};
 use end::Form;
 use lqr::Certificate;
-use mpc_qp::{ConstraintGroup, OcpQp, SolveError, SolveStatus};
+use mpc_qp::{OcpQp, SolveError, SolveStatus};
 use needle_model::{Input, Needle, Pose, ReferencePath};
 use plan::Plan;
 use shooting::Shooting;
@@ -201,8 +201,11 @@ impl NmpcController {
         let improved = sample
             .pose
             .is_some_and(|pose| self.improve(&pose, &sample, started));
-        let outside = self.shooting.outside(&self.follower.tracker);
-        let violation = self.violation.max(outside);
+        let tracker = &self.follower.tracker;
+        let softened = Softened {
+            corridor_mm: self.shooting.left_by_mm(tracker),
+            terminal_set: self.violation.max(self.shooting.outside(tracker)),
+        };
         let guard = &mut self.follower.guard;
         if !improved || guard.late(started.elapsed()) {
             return guard.fall_back(&sample, StopReason::NoPlan);
@@ -210,14 +213,7 @@ impl NmpcController {
         let inputs = &self.shooting.plan.inputs;
         guard.keep(inputs.iter().copied());
         self.applied.copy_from_slice(&self.shooting.plan.poses);
-        let origin = match violation > 0.0 {
-            true => Origin::Degraded {
-                softened: ConstraintGroup::TerminalSet,
-                violation,
-            },
-            false => Origin::Optimal,
-        };
-        (guard.apply(inputs[0], &sample), origin)
+        (guard.apply(inputs[0], &sample), softened.origin())
     }
 
     /// Improves the plan from `pose`; false if no usable plan results.
@@ -229,6 +225,12 @@ impl NmpcController {
         }
         let stray = Stray::at(pose, &self.follower, dt_s);
         self.shooting.weigh(form, &stray);
+        if let Some(corridor) = &mut self.shooting.corridor {
+            let Follower {
+                needle, tracker, ..
+            } = &self.follower;
+            corridor.enclose(pose, &tracker.poses[0], needle.curvature_per_mm());
+        }
         if self.planned.is_none() {
             return self.plan_afresh(pose, sample, started);
         }

@@ -18,6 +18,7 @@ use super::end::{Form, HorizonEnd, Takeover, blank_goal};
 use super::plan::Plan;
 use super::stray::Stray;
 use crate::configuration::ConfigurationError;
+use crate::corridor::Corridor;
 use crate::follower::Follower;
 use crate::limits::InputLimits;
 use crate::plan_solver::MakeSolver;
@@ -38,6 +39,7 @@ pub(crate) struct Shooting {
     pub(super) limits: InputLimits,
     pub(super) dt_s: f64,
     damping: f64,
+    pub(super) corridor: Option<Corridor>,
     pub(super) programs: Programs<6>,
     stage: Stage<6, 2>,
     terminal: Terminal<6>,
@@ -72,8 +74,14 @@ impl Shooting {
         stage.du_max = rates(&limits) * dt_s;
         stage.du_min = -stage.du_max;
         let terminal = Terminal::new(Matrix6::zeros());
+        let corridor = configuration.corridor();
+        let softening = corridor.map(|corridor| corridor.softening());
+        if corridor.is_some() {
+            stage.rows = Corridor::blank_rows();
+        }
         let stages = vec![stage.clone(); horizon];
-        let problem = OcpQp::new(Vector6::zeros(), stages, terminal.clone())?;
+        let problem = OcpQp::new(Vector6::zeros(), stages, terminal.clone())?
+            .with_softening(softening.unwrap_or_default())?;
         let goal = blank_goal();
         Ok(Self {
             configured: weights,
@@ -82,6 +90,7 @@ impl Shooting {
             limits,
             dt_s,
             damping,
+            corridor,
             programs: Programs::new(problem, with_set.then_some(&goal), make_solver)?,
             stage,
             terminal,
@@ -133,6 +142,19 @@ impl Shooting {
         stages + self.end.of_pose(&plan.poses[n], &tracker.poses[n])
     }
 
+    /// Cost of a plan and the price of leaving the corridor.
+    pub(crate) fn priced_cost(&self, plan: &Plan, tracker: &Tracker) -> f64 {
+        let price = |it: &Corridor| it.cost(&plan.poses, &tracker.poses);
+        self.cost(plan, tracker) + self.corridor.as_ref().map_or(0.0, price)
+    }
+
+    /// How far the plan leaves the corridor, mm.
+    pub(crate) fn left_by_mm(&self, tracker: &Tracker) -> f64 {
+        let poses = self.plan.poses.iter().copied();
+        self.corridor
+            .map_or(0.0, |it| it.left_by_mm(poses, &tracker.poses))
+    }
+
     /// How far the plan's end is outside the terminal set, in `sqrt(xi'P xi)`.
     pub(crate) fn outside(&self, tracker: &Tracker) -> f64 {
         let n = self.plan.inputs.len();
@@ -166,6 +188,9 @@ impl Shooting {
             stage.r_linear = -stage.r * Vector2::new(wanted.v_mm_s, wanted.omega_rad_s);
             stage.du_max = rates * if k == 0 { reach_s } else { self.dt_s };
             stage.du_min = -stage.du_max;
+            if let Some(corridor) = &self.corridor {
+                corridor.write(stage, &self.plan.poses[k + 1], &tracker.poses, k);
+            }
             self.programs.problem_mut().set_stage(k, stage)?;
         }
         let ends = [&self.plan.poses[n], &tracker.poses[n]];

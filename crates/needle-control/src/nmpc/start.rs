@@ -112,7 +112,9 @@ impl NmpcController {
             if !self.converge(sample, started, 1e-6, self.configuration.start_iterations) {
                 continue;
             }
-            let rank = (self.violation, self.value());
+            let tracker = &self.follower.tracker;
+            let priced = self.shooting.priced_cost(&self.shooting.plan, tracker);
+            let rank = (self.violation, priced);
             if rank.1.is_finite() && best.is_none_or(|best| rank < best) {
                 best = Some(rank);
                 self.candidate.overwrite(&self.shooting.plan);

@@ -26,8 +26,8 @@ const MARGIN: f64 = 0.01;
 /// Samples whose worst is a start of a descent, its first step on the unit sphere, and its steps.
 const DESCENT: (usize, f64, usize) = (250, 0.2, 40);
 
-/// Part of a rate limit that is left to what the search for the largest change does not find.
-const RATE_MARGIN: f64 = 1e-3;
+/// Part of a limit that is left to what the search for its largest share does not find.
+const SEARCH_MARGIN: f64 = 1e-3;
 
 /// Largest rotation of an error in the set, rad: at half a turn its logarithm jumps.
 const LARGEST_TURN_RAD: f64 = 0.9 * std::f64::consts::PI;
@@ -87,6 +87,7 @@ fn problem<'a>(
         path,
         dt_s: configuration.dt_s,
         limits: configuration.limits,
+        corridor_mm: configuration.corridor_mm,
         coordinates: ALL_COORDINATES,
         q: diagonal(weights.running()),
         r: Matrix2::new(weights.v, 0.0, 0.0, weights.omega) * INFLATION,
@@ -121,7 +122,11 @@ fn size_for(
     let trials: Vec<_> = trials.collect();
     let mut scale = 1.0;
     for step in 0..=steps {
-        scale = scale_within_turn(&chosen.ingredients.at(step), scale);
+        let end = chosen.ingredients.at(step);
+        scale = scale_within_turn(&end, scale);
+        if let Some(corridor_mm) = configuration.corridor_mm {
+            scale = scale_within_corridor(&end, corridor_mm, scale);
+        }
     }
     for trial in &trials {
         scale = trial.scale_within_rates(scale)?;
@@ -141,6 +146,10 @@ fn size_for(
         scale *= SHRINK;
     }
     let holds = worst >= MARGIN;
+    let kept = match configuration.corridor_mm {
+        Some(_) => "rates and corridor",
+        None => "rates",
+    };
     chosen
         .ingredients
         .shrink_levels(if holds { scale } else { 0.0 });
@@ -148,7 +157,7 @@ fn size_for(
         certificate.checks.push(Check {
             name: "decrease of the needle itself".to_owned(),
             condition: format!(
-                "(V - V+ - l) / l >= {MARGIN} at {samples} samples a step, and down from the worst, and rates kept, of the set scaled by {scale:.3}"
+                "(V - V+ - l) / l >= {MARGIN} at {samples} samples a step, and down from the worst, and {kept} kept, of the set scaled by {scale:.3}"
             ),
             holds,
             margin: worst - MARGIN,
@@ -180,44 +189,61 @@ fn scale_within_turn(end: &End<'_>, scale: f64) -> f64 {
     scale.min(LARGEST_TURN_RAD.powi(2) / farthest)
 }
 
+/// By how much the level is to be scaled, at most by `scale`, so that every position in the set is in the corridor.
+fn scale_within_corridor(end: &End<'_>, corridor_mm: f64, scale: f64) -> f64 {
+    let share = |xi: &Vector6<f64>| Some(Pose::exp(xi).position_mm.xy().amax() / corridor_mm);
+    scale_within(end, scale, [Vector6::x(), Vector6::y()], share)
+}
+
+/// By how much the level is to be scaled, at most by `scale`, so that `share` stays below one in the set: from where its linearisation,
+/// a row, is largest, P^-1 f of each row f, uphill to where it is itself.
+fn scale_within(
+    end: &End<'_>,
+    mut scale: f64,
+    rows: impl IntoIterator<Item = Vector6<f64>>,
+    share: impl Fn(&Vector6<f64>) -> Option<f64>,
+) -> f64 {
+    let p = Matrix6::from_fn(|i, j| end.p[(i, j)]);
+    let (Some(level), Some(factor)) = (end.level, p.cholesky()) else {
+        return scale;
+    };
+    let upper = factor.l().transpose();
+    for row in rows {
+        let Some(outward) = (upper * factor.solve(&row)).try_normalize(0.0) else {
+            continue;
+        };
+        for start in [outward, -outward] {
+            // The reference's own change is part of what is used: a set that is smaller by the excess uses less, but not by as much.
+            for _ in 0..TRIALS {
+                let left = |direction: &Vector6<f64>| {
+                    let xi = upper.solve_upper_triangular(direction);
+                    let used = xi.and_then(|xi| share(&(xi * (level * scale).sqrt())));
+                    used.map_or(f64::NEG_INFINITY, |used| -used)
+                };
+                let used = -descended((left(&start), start), left);
+                if used <= 1.0 - SEARCH_MARGIN {
+                    break;
+                }
+                scale *= ((1.0 - SEARCH_MARGIN) / used).powi(2);
+            }
+        }
+    }
+    scale
+}
+
 impl LawStep<'_> {
-    /// By how much the level is to be scaled, at most by `scale`, so that the law's change of the input keeps the rate limits: from where
-    /// the linearised change is largest, P^-1 f of each row f, uphill to where the true one is.
-    fn scale_within_rates(&self, mut scale: f64) -> Result<f64, StepError> {
-        let p = Matrix6::from_fn(|i, j| self.here.p[(i, j)]);
-        let (Some(level), Some(k), Some(k_next), Some(factor)) =
-            (self.here.level, self.here.k, self.next.k, p.cholesky())
-        else {
+    /// By how much the level is to be scaled, at most by `scale`, so that the law's change of the input keeps the rate limits.
+    fn scale_within_rates(&self, scale: f64) -> Result<f64, StepError> {
+        let (Some(k), Some(k_next)) = (self.here.k, self.next.k) else {
             return Ok(scale);
         };
         let jacobians = self
             .needle
             .linearise(self.wanted, self.configuration.dt_s)?;
         let change = k_next * (jacobians.a + jacobians.b * k) - k;
-        let upper = factor.l().transpose();
-        for row in change.row_iter() {
-            let row = Vector6::from_fn(|i, _| row[i]);
-            let Some(outward) = (upper * factor.solve(&row)).try_normalize(0.0) else {
-                continue;
-            };
-            for start in [outward, -outward] {
-                // The reference's own change is part of what is used: a set that is smaller by the excess uses less, but not by as much.
-                for _ in 0..TRIALS {
-                    let left = |direction: &Vector6<f64>| {
-                        let xi = upper.solve_upper_triangular(direction);
-                        let used =
-                            xi.and_then(|xi| self.share_of_rates(&(xi * (level * scale).sqrt())));
-                        used.map_or(f64::NEG_INFINITY, |used| -used)
-                    };
-                    let used = -descended((left(&start), start), left);
-                    if used <= 1.0 - RATE_MARGIN {
-                        break;
-                    }
-                    scale *= ((1.0 - RATE_MARGIN) / used).powi(2);
-                }
-            }
-        }
-        Ok(scale)
+        let rows = change.row_iter().map(|row| Vector6::from_fn(|i, _| row[i]));
+        let share = |xi: &Vector6<f64>| self.share_of_rates(xi);
+        Ok(scale_within(&self.here, scale, rows, share))
     }
 
     /// The largest share of a rate limit that the law uses after its step from an error.

@@ -2,11 +2,17 @@
 
 use super::TerminalError;
 use super::pair::{Pair, Regulation, dense, dynamic, limits_of};
-use lqr::{BackwardChain, Certificate, ChainClaim, Constraints, PeriodicSolution, TerminalClaim};
+use lqr::{
+    BackwardChain, Certificate, ChainClaim, Check, Constraint, ConstraintKind, Constraints,
+    Ellipsoid, InputError, LawRow, PeriodicSolution, TerminalClaim,
+};
 use nalgebra::DMatrix;
 
 /// Longest path for which a chain is made: its memory and time grow with the path.
 pub(super) const LONGEST_CHAIN: usize = 5_000;
+
+/// Share of a limit that is rounding.
+const ROUNDING: f64 = 1e-9;
 
 /// Terminal weight, law and level at the steps of the path.
 #[derive(Debug, Clone)]
@@ -74,8 +80,16 @@ impl Ingredients {
         let stages: Vec<_> = regulations.iter().map(Regulation::stage).collect();
         let chain = BackwardChain::solve(&stages, dense(end).as_ref())?;
         let limits = limits_of(first(pairs)?, limits);
-        let claim = ChainClaim::largest(&stages, &chain, limits, f64::INFINITY)?;
-        Ok(Self::of_claim(claim, false))
+        // After the last stage no law follows that could break a limit of inputs.
+        let of_state: Vec<_> = limits.rows().iter().filter_map(state_row).collect();
+        let last = Ellipsoid::largest(dense(end).as_ref(), &of_state)?;
+        let claim = ChainClaim::largest(&stages, &chain, limits, last.level)?;
+        let mut ingredients = Self::of_claim(claim, false);
+        if let Some(certificate) = &mut ingredients.certificate {
+            let checks = at_the_end(&last, &of_state, pairs.len())?;
+            certificate.checks.extend(checks);
+        }
+        Ok(ingredients)
     }
 
     /// The periodic solution, with one level for the whole period.
@@ -147,6 +161,32 @@ impl Ingredients {
             level: levels.map(|levels| levels[index]),
         }
     }
+}
+
+/// A constraint that needs no law to be a half-space of the state.
+fn state_row(constraint: &Constraint) -> Option<LawRow> {
+    (constraint.kind == ConstraintKind::State).then(|| LawRow {
+        name: constraint.name.clone(),
+        kind: constraint.kind,
+        row: constraint.on_x.clone(),
+        bound: constraint.bound,
+    })
+}
+
+/// What the certificate of a chain, which checks the limits under each of its laws, does not say of the last set.
+fn at_the_end(set: &Ellipsoid, rows: &[LawRow], last: usize) -> Result<Vec<Check>, InputError> {
+    let check = |row: &LawRow| {
+        let margin = 1.0 - set.support(&row.row)? / row.bound;
+        Ok(Check {
+            name: format!("{} at {last}", row.name),
+            condition: "f x <= h in the last set".to_owned(),
+            holds: margin >= -ROUNDING,
+            margin,
+            tolerance: ROUNDING,
+            witness: None,
+        })
+    };
+    rows.iter().map(check).collect()
 }
 
 fn first<T>(items: &[T]) -> Result<&T, TerminalError> {

@@ -5,7 +5,7 @@ use super::ingredients::{Ingredients, LONGEST_CHAIN};
 use super::pair::Pair;
 use super::{RefusedChoice, TerminalChoice, TerminalError};
 use crate::limits::InputLimits;
-use lqr::Constraints;
+use lqr::{ConstraintError, Constraints};
 use nalgebra::{DMatrix, Matrix2};
 use needle_model::{ControllabilityReport, Input, Needle, ReferencePath};
 
@@ -37,6 +37,8 @@ pub(crate) struct TerminalProblem<'a> {
     pub(crate) path: &'a ReferencePath,
     pub(crate) dt_s: f64,
     pub(crate) limits: InputLimits,
+    /// Half-width of the corridor, which holds the set.
+    pub(crate) corridor_mm: Option<f64>,
     /// Coordinates of the error that the model keeps.
     pub(crate) coordinates: &'static [usize],
     /// Weight of the error.
@@ -119,7 +121,10 @@ impl TerminalProblem<'_> {
     fn attempt(&self, choice: TerminalChoice) -> Result<Ingredients, TerminalError> {
         self.executable()?;
         let inputs = self.path.inputs();
-        let limits = self.room().constraints(self.coordinates.len())?;
+        let mut limits = self.room().constraints(self.coordinates.len())?;
+        if let Some(corridor_mm) = self.corridor_mm {
+            limits = within_corridor(limits, self.coordinates.len(), corridor_mm)?;
+        }
         let pairs = |inputs: &[Input]| -> Result<Vec<Pair>, TerminalError> {
             inputs.iter().map(|&input| self.pair(input)).collect()
         };
@@ -220,6 +225,23 @@ impl Chosen {
         });
         Ok(self)
     }
+}
+
+/// Offsets along the reference's cross axes, the first two coordinates of the error, within the corridor.
+fn within_corridor(
+    mut limits: Constraints,
+    states: usize,
+    corridor_mm: f64,
+) -> Result<Constraints, ConstraintError> {
+    for (axis, name) in ["x", "y"].into_iter().enumerate() {
+        for (sign, relation) in [(1.0, "<= "), (-1.0, ">= -")] {
+            let mut row = vec![0.0; states];
+            row[axis] = sign;
+            let name = format!("corridor: {name} {relation}{corridor_mm} mm");
+            limits = limits.with_state_half_space(&name, &row, corridor_mm)?;
+        }
+    }
+    Ok(limits)
 }
 
 fn repeats(inputs: &[Input], period: usize) -> Result<(), TerminalError> {

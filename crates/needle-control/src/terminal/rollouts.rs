@@ -43,6 +43,7 @@ struct Sets {
     needle: Needle,
     path: ReferencePath,
     limits: InputLimits,
+    corridor_mm: Option<f64>,
     chosen: Chosen,
     dynamics: Dynamics,
     /// Derivatives of the error after each step of the path by error and input.
@@ -123,7 +124,7 @@ fn jacobians(needle: Needle, path: &ReferencePath) -> Vec<(Matrix6<f64>, Matrix6
 }
 
 impl Sets {
-    fn linear(kind: TerminalChoice, draw: &mut Deviates) -> Self {
+    fn linear(kind: TerminalChoice, draw: &mut Deviates, corridor_mm: Option<f64>) -> Self {
         let (needle, path, limits) = drawn(kind, draw);
         let mut weight = || 10_f64.powf(draw.either_way());
         let weights = LinearWeights {
@@ -136,6 +137,7 @@ impl Sets {
         let configuration = LinearConfiguration {
             dt_s: path.dt_s(),
             limits,
+            corridor_mm,
             weights,
             ..LinearConfiguration::default()
         };
@@ -144,6 +146,7 @@ impl Sets {
         Self {
             needle,
             limits,
+            corridor_mm,
             jacobians: jacobians(needle, &path),
             chosen,
             dynamics: Dynamics::Linear(weights),
@@ -151,7 +154,7 @@ impl Sets {
         }
     }
 
-    fn exact(kind: TerminalChoice, draw: &mut Deviates) -> Self {
+    fn exact(kind: TerminalChoice, draw: &mut Deviates, corridor_mm: Option<f64>) -> Self {
         let (needle, path, limits) = drawn(kind, draw);
         let mut weight = || 10_f64.powf(draw.either_way());
         let weights = NmpcWeights {
@@ -167,6 +170,7 @@ impl Sets {
         let configuration = NmpcConfiguration {
             dt_s: path.dt_s(),
             limits,
+            corridor_mm,
             weights,
             spin_target: SpinTarget::Reference,
             terminal: kind,
@@ -176,6 +180,7 @@ impl Sets {
         Self {
             needle,
             limits,
+            corridor_mm,
             jacobians: jacobians(needle, &path),
             chosen,
             dynamics: Dynamics::Exact(weights),
@@ -262,7 +267,9 @@ impl Sets {
         };
         for step in first..(first + STEPS).min(self.steps().end) {
             let applied = self.law(step, &x);
-            used = used.max(self.share(step, applied, held));
+            used = used
+                .max(self.share(step, applied, held))
+                .max(self.share_of_corridor(&x));
             let (next, spent) = self.advance(step, &x, applied);
             let (before, after) = (self.value(step, &x), self.value(step + 1, &next));
             fall = fall.min((before - after - spent) / before);
@@ -271,7 +278,7 @@ impl Sets {
             }
             (x, held) = (next, Some(vector(applied)));
         }
-        (used, fall)
+        (used.max(self.share_of_corridor(&x)), fall)
     }
 
     /// The largest share that an input uses of what the reference leaves of the box on its side, or of a rate limit.
@@ -287,11 +294,23 @@ impl Sets {
         above.max().max(below.max()).max(change)
     }
 
-    /// Rows whose value the limits bound: inputs and their first changes, as linear functions of the state.
+    /// The share of the corridor that the offsets across the reference use: the error's own first coordinates where it is linear.
+    fn share_of_corridor(&self, x: &DVector<f64>) -> f64 {
+        let xi: Vector6<f64> = x.fixed_rows::<6>(0).into_owned();
+        let across_mm = match self.dynamics {
+            Dynamics::Linear(_) => xi.xy(),
+            Dynamics::Exact(_) => Pose::exp(&xi).position_mm.xy(),
+        };
+        self.corridor_mm
+            .map_or(0.0, |corridor_mm| across_mm.amax() / corridor_mm)
+    }
+
+    /// Rows whose value the limits bound: offsets across, inputs and their first changes, as linear functions of the state.
     fn rows(&self, step: usize) -> DMatrix<f64> {
         let k = self.end(step).k.unwrap();
         let n = k.ncols();
-        let mut rows = DMatrix::zeros(4, n);
+        let mut rows = DMatrix::zeros(6, n);
+        (rows[(4, 0)], rows[(5, 1)]) = (1.0, 1.0);
         rows.view_mut((0, 0), (2, n)).copy_from(k);
         rows.view_mut((2, 0), (2, n)).copy_from(k);
         match self.dynamics {
@@ -337,12 +356,17 @@ impl Sets {
     }
 }
 
+/// Every other reference has a corridor, of 0.02 to 0.3 mm.
+fn corridor_mm(reference: usize) -> Option<f64> {
+    (reference % 2 == 1).then(|| 0.04 * reference as f64 - 0.02)
+}
+
 #[test]
 fn linear_sets_are_as_large_as_the_law_keeps_limits_and_cost_along_the_error_dynamics() {
     for kind in KINDS {
         let mut draw = Deviates::seeded(5);
         for reference in 0..REFERENCES {
-            let sets = Sets::linear(kind, &mut draw);
+            let sets = Sets::linear(kind, &mut draw, corridor_mm(reference));
             let (used, fall) = sets.worst(1.0, 20, &mut draw);
             // V falls by exactly the stage cost.
             assert!(
@@ -365,7 +389,7 @@ fn nonlinear_sets_keep_limits_and_cost_along_the_needle_itself() {
     for kind in KINDS {
         let mut draw = Deviates::seeded(6);
         for reference in 0..REFERENCES {
-            let sets = Sets::exact(kind, &mut draw);
+            let sets = Sets::exact(kind, &mut draw, corridor_mm(reference));
             let (used, fall) = sets.worst(1.0, 60, &mut draw);
             assert!(
                 used < 1.0 + ROUNDING && fall > 0.0,

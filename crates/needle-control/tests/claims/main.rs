@@ -9,6 +9,7 @@ mod agreement;
 mod beginning_and_end;
 mod closed_loop;
 mod copies;
+mod corridor;
 mod deadline;
 #[path = "../deviates/mod.rs"]
 mod deviates;

@@ -159,3 +159,22 @@ fn linear_steps_do_not_allocate() {
     let mut controller = StraightController::new(straight, reference, configuration).unwrap();
     assert_no_allocation("straight", &mut controller, straight, 1);
 }
+
+#[test]
+fn steps_in_a_corridor_that_the_start_is_outside_of_do_not_allocate() {
+    let corridor_mm = Some(0.1);
+    let scene = Scene::default();
+    let nonlinear = NmpcConfiguration {
+        horizon: HORIZON,
+        corridor_mm,
+        ..NmpcConfiguration::default()
+    };
+    let mut controller = NmpcController::new(scene.model, scene.path(), nonlinear).unwrap();
+    assert_no_allocation("nonlinear", &mut controller, scene.model, 3);
+    let linear = LinearConfiguration {
+        corridor_mm,
+        ..LinearConfiguration::default()
+    };
+    let mut controller = LtvController::new(needle(), path(needle(), HELIX, 300), linear).unwrap();
+    assert_no_allocation("time-varying", &mut controller, needle(), 1);
+}

@@ -10,7 +10,7 @@ use needle_control::{
     BaselineSettings, DutyCycledGains, LinearConfiguration, LqrWeights, NmpcConfiguration,
     PidGains, SlidingModeGains,
 };
-use predictive::{linear, nmpc, published};
+use predictive::{corridor, linear, nmpc, published};
 
 /// A controller by name with its settings.
 #[derive(Debug, Clone, PartialEq)]
@@ -126,9 +126,12 @@ impl ControllerChoice {
                 }
                 match self {
                     Self::Nmpc(configuration) => nmpc(configuration, keys),
-                    Self::Ltv(configuration) | Self::Straight(configuration) => {
+                    Self::Ltv(configuration) => {
+                        corridor(&mut configuration.corridor_mm, keys);
                         linear(configuration, keys);
                     }
+                    // A needle without bevel has no offset across the path.
+                    Self::Straight(configuration) => linear(configuration, keys),
                     Self::Pid(patience, gains) => {
                         patience.keys(keys);
                         pid(gains, keys);

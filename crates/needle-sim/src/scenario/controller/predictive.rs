@@ -64,7 +64,13 @@ fn survival(survival: &mut Survival, keys: &mut dyn Keys) {
     );
 }
 
+pub(super) fn corridor(half_width_mm: &mut Option<f64>, keys: &mut dyn Keys) {
+    let about = "half-width of the corridor about the path, along each cross axis of its frame, that plans keep or say that they leave";
+    keys.optional("corridor_mm", half_width_mm, Allowed::POSITIVE, about);
+}
+
 pub(super) fn nmpc(c: &mut NmpcConfiguration, keys: &mut dyn Keys) {
+    corridor(&mut c.corridor_mm, keys);
     horizon(&mut c.horizon, keys);
     tracking(&mut c.tracking, keys);
     let about = "what the spin's weight pulls toward; the reference's is right where the needle executes the path";

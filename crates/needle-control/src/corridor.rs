@@ -1,0 +1,143 @@
+//! The corridor: how far aside of the path the tip may be.
+//!
+//! |n'(p_k - p_r,k)| <= w at the predicted samples k = 1 to N, along both cross axes n of the reference's frame (its x and y): a square tube
+//! about the path, w at its walls and sqrt(2) w at its edges. With right perturbations delta of a pose (R, p) the offset is
+//! n'(p - p_r) + n'R delta_p to first order, and delta_{k+1} = A delta_k + B u + c makes it four rows of stage k, so that the last sample has its own.
+//!
+//! A measured tip may be outside. Walls at w would then ask to be back at once, at full bend, and a horizon of a few millimetres does not see the
+//! swing to the other side that follows. So the wall that the tip is beyond stands at the tip and closes in along an arc of a tenth of the
+//! needle's curvature, slower than any needle with bend to spare can follow; the other walls stay.
+//!
+//! The walls are soft, at an L1 price: where it exceeds their multipliers a plan keeps them whenever one does, and otherwise leaves them by the
+//! least sum over samples that inputs and rates admit.
+
+use mpc_qp::{Penalty, Row, Softening, Stage};
+use nalgebra::{SVector, Vector2};
+use needle_model::Pose;
+
+/// Curvature of the arc along which a wall comes back to its place, as a part of the needle's.
+const CLOSING: f64 = 0.1;
+
+/// Part of the half-width that counts as none: what linearising leaves out.
+const ON_THE_WALL: f64 = 1e-3;
+
+/// A tube about the path, and what leaving it costs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Corridor {
+    half_width_mm: f64,
+    /// Of a millimetre beyond a wall at one sample, in the units of the cost.
+    pub(crate) price_per_mm: f64,
+    /// How far the measured tip is beyond the walls of either sign.
+    outside_mm: [Vector2<f64>; 2],
+    closing_per_mm: f64,
+}
+
+/// Sides of the path along an axis.
+const SIDES: [f64; 2] = [1.0, -1.0];
+
+impl Corridor {
+    /// Of a half-width, where there is one, at a price in the units of the cost.
+    pub(crate) fn of(half_width_mm: Option<f64>, price_per_mm: f64) -> Option<Self> {
+        half_width_mm.map(|half_width_mm| Self {
+            half_width_mm,
+            price_per_mm,
+            outside_mm: [Vector2::zeros(); 2],
+            closing_per_mm: 0.0,
+        })
+    }
+
+    /// Puts the walls where the measured tip of a needle is, if that is outside of `reference`.
+    pub(crate) fn enclose(&mut self, tip: &Pose, reference: &Pose, curvature_per_mm: f64) {
+        let offset_mm = across_mm(tip, reference);
+        let beyond =
+            |sign: f64| offset_mm.map(|offset| (sign * offset - self.half_width_mm).max(0.0));
+        self.closing_per_mm = CLOSING * curvature_per_mm;
+        self.outside_mm = SIDES.map(beyond);
+    }
+
+    /// Distances of the walls of either sign at a pose of the reference.
+    fn walls_mm(&self, reference: &Pose, first: &Pose) -> [Vector2<f64>; 2] {
+        let along = (reference.position_mm - first.position_mm).norm_squared();
+        let closed_mm = 0.5 * self.closing_per_mm * along;
+        self.outside_mm
+            .map(|outside| outside.map(|mm| self.half_width_mm + (mm - closed_mm).max(0.0)))
+    }
+
+    /// The walls' price in a program whose costs carry the factor 1/2.
+    pub(crate) fn softening(&self) -> Softening {
+        Softening {
+            rows: Penalty::Exact {
+                weight: 0.5 * self.price_per_mm,
+            },
+            ..Softening::default()
+        }
+    }
+
+    /// Rows for [`Self::write`] to fill.
+    pub(crate) fn blank_rows<const NX: usize>() -> Vec<Row<NX, 2>> {
+        let open = Row {
+            g_x: SVector::zeros(),
+            h_u: SVector::zeros(),
+            upper: f64::INFINITY,
+        };
+        vec![open; 4]
+    }
+
+    /// Writes the walls at the end of stage `k` into its first rows: the state after it is the perturbation of `pose`.
+    pub(crate) fn write<const NX: usize>(
+        &self,
+        stage: &mut Stage<NX, 2>,
+        pose: &Pose,
+        reference: &[Pose],
+        k: usize,
+    ) {
+        let (first, reference) = (&reference[0], &reference[k + 1]);
+        let offset_mm = across_mm(pose, reference);
+        let walls_mm = self.walls_mm(reference, first);
+        let to_body = pose.rotation.inverse() * reference.rotation;
+        let axes = to_body.to_rotation_matrix();
+        for (axis, rows) in stage.rows.chunks_exact_mut(2).take(2).enumerate() {
+            let normal = axes.matrix().column(axis);
+            let by_x = stage.a.fixed_rows::<3>(0).tr_mul(&normal);
+            let by_u = stage.b.fixed_rows::<3>(0).tr_mul(&normal);
+            let there_mm = offset_mm[axis] + stage.c.fixed_rows::<3>(0).dot(&normal);
+            for (i, row) in rows.iter_mut().enumerate() {
+                row.g_x = by_x * SIDES[i];
+                row.h_u = by_u * SIDES[i];
+                row.upper = walls_mm[i][axis] - SIDES[i] * there_mm;
+            }
+        }
+    }
+
+    /// What the poses after the first cost by being beyond the walls.
+    pub(crate) fn cost(&self, poses: &[Pose], reference: &[Pose]) -> f64 {
+        let pairs = poses.iter().zip(reference).skip(1);
+        let beyond_mm = |(pose, there): (&Pose, &Pose)| {
+            let (offset_mm, walls_mm) =
+                (across_mm(pose, there), self.walls_mm(there, &reference[0]));
+            let of_side = |(sign, walls): (f64, Vector2<f64>)| {
+                (offset_mm * sign - walls).map(|mm| mm.max(0.0)).sum()
+            };
+            SIDES.into_iter().zip(walls_mm).map(of_side).sum::<f64>()
+        };
+        self.price_per_mm * pairs.map(beyond_mm).sum::<f64>()
+    }
+
+    /// How far the poses after the first are outside of the corridor at most, mm; zero within what linearising leaves out.
+    pub(crate) fn left_by_mm(&self, poses: impl Iterator<Item = Pose>, reference: &[Pose]) -> f64 {
+        let pairs = poses.zip(reference).skip(1);
+        let farthest_mm = pairs
+            .map(|(pose, there)| across_mm(&pose, there).amax())
+            .fold(0.0, f64::max);
+        match farthest_mm > (1.0 + ON_THE_WALL) * self.half_width_mm {
+            true => farthest_mm - self.half_width_mm,
+            false => 0.0,
+        }
+    }
+}
+
+/// Offset of a pose from another's tangent line, in the other's cross axes, mm.
+fn across_mm(pose: &Pose, reference: &Pose) -> Vector2<f64> {
+    let offset = reference.rotation.inverse() * (pose.position_mm - reference.position_mm);
+    offset.xy()
+}
