@@ -5,14 +5,14 @@
 //! n'(p - p_r) + n'R delta_p to first order, and delta_{k+1} = A delta_k + B u + c makes it four rows of stage k, so that the last sample has its own.
 //!
 //! A measured tip may be outside. Walls at w would then ask to be back at once, at full bend, and a horizon of a few millimetres does not see the
-//! swing to the other side that follows. So the wall that the tip is beyond stands at the tip and closes in along an arc of a tenth of the
-//! needle's curvature, slower than any needle with bend to spare can follow; the other walls stay.
+//! swing to the other side that follows. So a wall that a tip coasting beside the path is beyond stands at that tip and closes in along an
+//! arc of a tenth of the needle's curvature, slower than any needle with bend to spare can follow; the other walls stay.
 //!
 //! The walls are soft, at an L1 price: where it exceeds their multipliers a plan keeps them whenever one does, and otherwise leaves them by the
 //! least sum over samples that inputs and rates admit.
 
 use mpc_qp::{Penalty, Row, Softening, Stage};
-use nalgebra::{SVector, Vector2};
+use nalgebra::{SVector, Vector2, Vector3};
 use needle_model::Pose;
 
 /// Curvature of the arc along which a wall comes back to its place, as a part of the needle's.
@@ -27,8 +27,8 @@ pub(crate) struct Corridor {
     half_width_mm: f64,
     /// Of a millimetre beyond a wall at one sample, in the units of the cost.
     pub(crate) price_per_mm: f64,
-    /// How far the measured tip is beyond the walls of either sign.
-    outside_mm: [Vector2<f64>; 2],
+    /// Offset of the measured tip from the path, in the world, mm.
+    tip_mm: Vector3<f64>,
     closing_per_mm: f64,
 }
 
@@ -41,26 +41,23 @@ impl Corridor {
         half_width_mm.map(|half_width_mm| Self {
             half_width_mm,
             price_per_mm,
-            outside_mm: [Vector2::zeros(); 2],
+            tip_mm: Vector3::zeros(),
             closing_per_mm: 0.0,
         })
     }
 
-    /// Puts the walls where the measured tip of a needle is, if that is outside of `reference`.
+    /// Puts the walls where the tip of a needle is measured, if that is outside about `reference`.
     pub(crate) fn enclose(&mut self, tip: &Pose, reference: &Pose, curvature_per_mm: f64) {
-        let offset_mm = across_mm(tip, reference);
-        let beyond =
-            |sign: f64| offset_mm.map(|offset| (sign * offset - self.half_width_mm).max(0.0));
+        self.tip_mm = tip.position_mm - reference.position_mm;
         self.closing_per_mm = CLOSING * curvature_per_mm;
-        self.outside_mm = SIDES.map(beyond);
     }
 
-    /// Distances of the walls of either sign at a pose of the reference.
+    /// Distances of the walls of either side about a pose of the reference that is at `first` now. The frame may turn under a tip that coasts.
     fn walls_mm(&self, reference: &Pose, first: &Pose) -> [Vector2<f64>; 2] {
-        let along = (reference.position_mm - first.position_mm).norm_squared();
-        let closed_mm = 0.5 * self.closing_per_mm * along;
-        self.outside_mm
-            .map(|outside| outside.map(|mm| self.half_width_mm + (mm - closed_mm).max(0.0)))
+        let way_mm2 = (reference.position_mm - first.position_mm).norm_squared();
+        let closed_mm = 0.5 * self.closing_per_mm * way_mm2;
+        let tip_mm = (reference.rotation.inverse() * self.tip_mm).xy();
+        SIDES.map(|side| tip_mm.map(|mm| self.half_width_mm.max(side * mm - closed_mm)))
     }
 
     /// The walls' price in a program whose costs carry the factor 1/2.

@@ -33,8 +33,8 @@ pub enum Convergence {
     },
 }
 
-/// Price of a millimetre beyond the corridor at one sample, over the sum of the stage's weights: above the walls' multipliers in 99 of 100 plans
-/// that touch them, spins of 2000 times the default's weight included. From 30 to 1e5 the closed loops are alike.
+/// Price of a millimetre beyond the corridor at one sample, over the sum of the stage's weights: above the walls' multipliers in 98 of 100 programs
+/// that touch them (`docs/controllers.md`). From 30 to 1e5 the closed loops are alike.
 const WALL_PRICE_PER_MM: f64 = 1e3;
 
 /// Configuration of an [`NmpcController`](crate::NmpcController). The defaults work.

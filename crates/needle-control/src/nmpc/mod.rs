@@ -7,6 +7,7 @@
 
 mod configuration;
 mod cost;
+mod ellipsoid_search;
 mod end;
 mod line_search;
 mod plan;

@@ -202,7 +202,8 @@ impl Sets {
         match self.chosen.choice {
             TerminalChoice::HelixDare => 1..2,
             TerminalChoice::Periodic { period } => 1..period + 1,
-            _ => self.steps(),
+            // The last set too, though no law follows.
+            _ => 1..self.path.inputs().len() + 1,
         }
     }
 
@@ -319,7 +320,7 @@ impl Sets {
                 rows[(1, 7)] += 1.0;
             }
             Dynamics::Exact(_) => {
-                let (a, b) = &self.jacobians[step];
+                let (a, b) = &self.jacobians[step.min(self.jacobians.len() - 1)];
                 let change = self.end(step + 1).k.unwrap() * (a + b * k) - k;
                 rows.rows_mut(2, 2).copy_from(&change);
             }
