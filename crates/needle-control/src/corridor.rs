@@ -5,8 +5,8 @@
 //! n'(p - p_r) + n'R delta_p to first order, and delta_{k+1} = A delta_k + B u + c makes it four rows of stage k, so that the last sample has its own.
 //!
 //! A measured tip may be outside. Walls at w would then ask to be back at once, at full bend, and a horizon of a few millimetres does not see the
-//! swing to the other side that follows. So a wall that a tip coasting beside the path is beyond stands at that tip and closes in along an
-//! arc of a tenth of the needle's curvature, slower than any needle with bend to spare can follow; the other walls stay.
+//! swing to the other side that follows. So a wall that a tip coasting beside the path is beyond stands at that tip, and
+//! follows it in, sample by sample; the other walls stay. It is the cost that brings the tip back, as without a corridor.
 //!
 //! The walls are soft, at an L1 price: where it exceeds their multipliers a plan keeps them whenever one does, and otherwise leaves them by the
 //! least sum over samples that inputs and rates admit.
@@ -14,9 +14,6 @@
 use mpc_qp::{Penalty, Row, Softening, Stage};
 use nalgebra::{SVector, Vector2, Vector3};
 use needle_model::Pose;
-
-/// Curvature of the arc along which a wall comes back to its place, as a part of the needle's.
-const CLOSING: f64 = 0.1;
 
 /// Part of the half-width that counts as none: what linearising leaves out.
 const ON_THE_WALL: f64 = 1e-3;
@@ -29,7 +26,6 @@ pub(crate) struct Corridor {
     pub(crate) price_per_mm: f64,
     /// Offset of the measured tip from the path, in the world, mm.
     tip_mm: Vector3<f64>,
-    closing_per_mm: f64,
 }
 
 /// Sides of the path along an axis.
@@ -42,22 +38,18 @@ impl Corridor {
             half_width_mm,
             price_per_mm,
             tip_mm: Vector3::zeros(),
-            closing_per_mm: 0.0,
         })
     }
 
-    /// Puts the walls where the tip of a needle is measured, if that is outside about `reference`.
-    pub(crate) fn enclose(&mut self, tip: &Pose, reference: &Pose, curvature_per_mm: f64) {
+    /// Puts the walls where the tip is measured, if that is outside about `reference`.
+    pub(crate) fn enclose(&mut self, tip: &Pose, reference: &Pose) {
         self.tip_mm = tip.position_mm - reference.position_mm;
-        self.closing_per_mm = CLOSING * curvature_per_mm;
     }
 
-    /// Distances of the walls of either side about a pose of the reference that is at `first` now. The frame may turn under a tip that coasts.
-    fn walls_mm(&self, reference: &Pose, first: &Pose) -> [Vector2<f64>; 2] {
-        let way_mm2 = (reference.position_mm - first.position_mm).norm_squared();
-        let closed_mm = 0.5 * self.closing_per_mm * way_mm2;
+    /// Distances of the walls of either side about a pose of the reference. The frame may turn under a tip that coasts.
+    fn walls_mm(&self, reference: &Pose) -> [Vector2<f64>; 2] {
         let tip_mm = (reference.rotation.inverse() * self.tip_mm).xy();
-        SIDES.map(|side| tip_mm.map(|mm| self.half_width_mm.max(side * mm - closed_mm)))
+        SIDES.map(|side| tip_mm.map(|mm| self.half_width_mm.max(side * mm)))
     }
 
     /// The walls' price in a program whose costs carry the factor 1/2.
@@ -80,17 +72,15 @@ impl Corridor {
         vec![open; 4]
     }
 
-    /// Writes the walls at the end of stage `k` into its first rows: the state after it is the perturbation of `pose`.
+    /// Writes the walls about `reference` at the end of a stage into its first rows: the state after it is the perturbation of `pose`.
     pub(crate) fn write<const NX: usize>(
         &self,
         stage: &mut Stage<NX, 2>,
         pose: &Pose,
-        reference: &[Pose],
-        k: usize,
+        reference: &Pose,
     ) {
-        let (first, reference) = (&reference[0], &reference[k + 1]);
         let offset_mm = across_mm(pose, reference);
-        let walls_mm = self.walls_mm(reference, first);
+        let walls_mm = self.walls_mm(reference);
         let to_body = pose.rotation.inverse() * reference.rotation;
         let axes = to_body.to_rotation_matrix();
         for (axis, rows) in stage.rows.chunks_exact_mut(2).take(2).enumerate() {
@@ -110,8 +100,7 @@ impl Corridor {
     pub(crate) fn cost(&self, poses: &[Pose], reference: &[Pose]) -> f64 {
         let pairs = poses.iter().zip(reference).skip(1);
         let beyond_mm = |(pose, there): (&Pose, &Pose)| {
-            let (offset_mm, walls_mm) =
-                (across_mm(pose, there), self.walls_mm(there, &reference[0]));
+            let (offset_mm, walls_mm) = (across_mm(pose, there), self.walls_mm(there));
             let of_side = |(sign, walls): (f64, Vector2<f64>)| {
                 (offset_mm * sign - walls).map(|mm| mm.max(0.0)).sum()
             };

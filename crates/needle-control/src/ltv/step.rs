@@ -54,11 +54,8 @@ impl<const NX: usize> LinearController<NX> {
     fn solve(&mut self, pose: &Pose, sample: &Sample, started: Instant) -> Option<Origin> {
         // The deviation applied last was one from the reference's input at that time.
         if let Some(corridor) = &mut self.corridor {
-            let Follower {
-                needle, tracker, ..
-            } = &self.follower;
-            self.axis.copy_from_slice(&tracker.poses);
-            corridor.enclose(pose, &self.axis[0], needle.curvature_per_mm());
+            self.axis.copy_from_slice(&self.follower.tracker.poses);
+            corridor.enclose(pose, &self.axis[0]);
         }
         let before = self.refer(pose, sample, started);
         self.linearise().ok()?;
@@ -147,7 +144,7 @@ impl<const NX: usize> LinearController<NX> {
                 stage.c[i] = step.c[row];
             }
             if let Some(corridor) = &self.corridor {
-                corridor.write(stage, &tracker.poses[k + 1], &self.axis, k);
+                corridor.write(stage, &tracker.poses[k + 1], &self.axis[k + 1]);
             }
         }
         Ok(())

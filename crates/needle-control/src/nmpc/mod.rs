@@ -227,10 +227,7 @@ impl NmpcController {
         let stray = Stray::at(pose, &self.follower, dt_s);
         self.shooting.weigh(form, &stray);
         if let Some(corridor) = &mut self.shooting.corridor {
-            let Follower {
-                needle, tracker, ..
-            } = &self.follower;
-            corridor.enclose(pose, &tracker.poses[0], needle.curvature_per_mm());
+            corridor.enclose(pose, &self.follower.tracker.poses[0]);
         }
         if self.planned.is_none() {
             return self.plan_afresh(pose, sample, started);

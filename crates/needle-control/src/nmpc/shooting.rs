@@ -189,7 +189,7 @@ impl Shooting {
             stage.du_max = rates * if k == 0 { reach_s } else { self.dt_s };
             stage.du_min = -stage.du_max;
             if let Some(corridor) = &self.corridor {
-                corridor.write(stage, &self.plan.poses[k + 1], &tracker.poses, k);
+                corridor.write(stage, &self.plan.poses[k + 1], &tracker.poses[k + 1]);
             }
             self.programs.problem_mut().set_stage(k, stage)?;
         }

@@ -359,7 +359,7 @@ impl Sets {
 
 /// Every other reference has a corridor, of 0.02 to 0.3 mm.
 fn corridor_mm(reference: usize) -> Option<f64> {
-    (reference % 2 == 1).then(|| 0.04 * reference as f64 - 0.02)
+    (reference % 2 == 1).then_some(0.04 * reference as f64 - 0.02)
 }
 
 #[test]

@@ -50,8 +50,10 @@ impl Run {
     fn left_by_mm(&self) -> Vec<f64> {
         let of = |origin: &Origin| match origin {
             Origin::Degraded { softened } => softened.corridor_mm,
-            Origin::Optimal => 0.0,
-            other => panic!("{other:?}"),
+            other => {
+                assert_eq!(*other, Origin::Optimal);
+                0.0
+            }
         };
         self.origins.iter().map(of).collect()
     }
