@@ -24,7 +24,7 @@ pub(crate) struct Corridor {
     half_width_mm: f64,
     /// Of a millimetre beyond a wall at one sample, in the units of the cost.
     pub(crate) price_per_mm: f64,
-    /// Offset of the measured tip from the path, in the world, mm.
+    /// Offset of the measured tip across the path, in the world, mm.
     tip_mm: Vector3<f64>,
 }
 
@@ -43,7 +43,8 @@ impl Corridor {
 
     /// Puts the walls where the tip is measured, if that is outside about `reference`.
     pub(crate) fn enclose(&mut self, tip: &Pose, reference: &Pose) {
-        self.tip_mm = tip.position_mm - reference.position_mm;
+        let (offset_mm, tangent) = (tip.position_mm - reference.position_mm, reference.tangent());
+        self.tip_mm = offset_mm - tangent * tangent.dot(&offset_mm);
     }
 
     /// Distances of the walls of either side about a pose of the reference. The frame may turn under a tip that coasts.
