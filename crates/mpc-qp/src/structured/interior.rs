@@ -34,9 +34,12 @@ const STARTING_PART: f64 = 0.05;
 /// Active-set sweeps tried after an iteration that looks like having identified the set; few wrong places, or none of it.
 const FINISH: Patience = Patience {
     sweeps: 6,
-    wrong: 3,
+    wrong: 2,
     free: 1,
 };
+
+/// The same once such sweeps have failed.
+const FINISH_AGAIN: Patience = Patience { wrong: 1, ..FINISH };
 
 /// Refinements of an iterate that has converged in all but stationarity.
 pub(super) const REFINEMENTS: usize = 3;
@@ -118,7 +121,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             return false;
         }
         let kept = self.newton.cone.clone();
-        if self.sweep(FINISH) {
+        if self.sweep(if *failed { FINISH_AGAIN } else { FINISH }) {
             return true;
         }
         for channel in self.newton.channels() {
