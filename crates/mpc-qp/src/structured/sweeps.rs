@@ -154,17 +154,12 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             }
             right = verdict.changes == 0;
             // A method that cycles stops improving: better to leave early.
-            if verdict.changes > patience.wrong
-                || (verdict.changes >= fewest && sweep >= patience.free)
-            {
+            let wrong = verdict.changes - verdict.crossed;
+            if wrong > patience.wrong || (wrong >= fewest && sweep >= patience.free) {
                 return false;
             }
             // The ellipsoid linearised anew may ask for other bounds than those that were right before.
-            fewest = if right {
-                usize::MAX
-            } else {
-                fewest.min(verdict.changes)
-            };
+            fewest = if right { usize::MAX } else { fewest.min(wrong) };
         }
         false
     }

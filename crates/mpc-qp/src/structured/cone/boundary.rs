@@ -191,6 +191,7 @@ impl<const NX: usize> Cone<NX> {
             rough,
             distance: linear.abs(),
             gap: self.z.head * after.abs(),
+            ..Verdict::default()
         }
     }
 
