@@ -180,6 +180,24 @@ impl Channel {
         (sum, count)
     }
 
+    /// Sum of violation times exact price over the soft bounds that the present values violate, and their number.
+    pub(super) fn priced_products(&self) -> (f64, f64) {
+        let Price::Exact(rho) = self.price else {
+            return (0.0, 0.0);
+        };
+        let (mut sum, mut count) = (0.0, 0.0);
+        for side in (0..2).filter(|&side| self.used[side]) {
+            for (lane, v) in self.sides[side].iter().zip(&self.v) {
+                for i in 0..4 {
+                    let violation = lane.on[i] * (SIGN[side] * v[i] - lane.bound[i]);
+                    sum += rho * violation.max(0.0);
+                    count += f64::from(u8::from(violation > 0.0));
+                }
+            }
+        }
+        (sum, count)
+    }
+
     /// Cancels a gradient with the multiplier of the bound that it pushes against, if that bound is finite.
     pub(super) fn absorb(&mut self, index: usize, gradient: f64) {
         let (l, i) = (index / 4, index % 4);

@@ -1,6 +1,7 @@
 //! Mehrotra's predictor-corrector from a centred start, with the active-set finish.
 
 use super::StructuredSolver;
+use super::channel::Channel;
 use super::clipping::Cuts;
 use super::kernel::run;
 use super::passes::{Advance, Backward, ConeTerm, Factorise, Forward, Weigh};
@@ -30,6 +31,9 @@ const NEARLY_FEASIBLE: f64 = 0.1;
 /// Starting products as a part of multiplier times distance, averaged over the bounds that the sweeps found active; where feedback was
 /// clipped, its own estimate is taken instead.
 const STARTING_PART: f64 = 0.05;
+
+/// The largest products to start from.
+const MOST_PRODUCT: f64 = 1e12;
 
 /// Active-set sweeps tried after an iteration that looks like having identified the set; few wrong places, or none of it.
 const FINISH: Patience = Patience {
@@ -63,15 +67,19 @@ const FALLEN: f64 = 0.9;
 const RAY_TOLERANCE: f64 = 1e-7;
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
-    /// Starting point; returns the average complementarity product and the number of products.
+    /// Starting point; returns the average complementarity product and the number of products. Where soft bounds are violated that is at least what
+    /// their prices make of the violations: from products of 1 where these are 1e6, no step reached a hundredth of its length.
     fn start_interior(&mut self, cuts: &Cuts) -> (f64, f64) {
         let (part, scale) = match cuts.mean_product() {
             Some(product) => (1.0, product),
-            None => (STARTING_PART, self.mean_product()),
+            None => {
+                let product = self.mean_product(Channel::product_scale);
+                (STARTING_PART, product.unwrap_or(1.0))
+            }
         };
         let mu = part
             * if scale.is_finite() {
-                scale.clamp(1e-6, 1e12)
+                scale.clamp(1e-6, MOST_PRODUCT)
             } else {
                 1.0
             };
@@ -82,6 +90,8 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             newton: &mut self.newton,
             clipped: false,
         });
+        let priced = self.mean_product(Channel::priced_products).unwrap_or(0.0);
+        let mu = mu.max(priced.min(MOST_PRODUCT));
         let mut count = 0.0;
         for channel in self.newton.channels() {
             channel.enter(LEAST_SLACK, mu);
@@ -95,15 +105,15 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         (mu, count)
     }
 
-    /// Multiplier times width, averaged over the bounds that the sweeps found active; one if there is none.
-    fn mean_product(&mut self) -> f64 {
+    /// The mean of what sums and numbers of products `of` the channels make, if there are any.
+    fn mean_product(&mut self, of: fn(&Channel) -> (f64, f64)) -> Option<f64> {
         let (mut sum, mut active) = (0.0, 0.0);
         for channel in self.newton.channels() {
-            let (products, count) = channel.product_scale();
+            let (products, count) = of(channel);
             sum += products;
             active += count;
         }
-        if active > 0.0 { sum / active } else { 1.0 }
+        (active > 0.0).then(|| sum / active)
     }
 
     /// Active-set sweeps from the iterate's guess; comes back to the iterate if they do not settle. A guess that has `failed` before is
