@@ -115,8 +115,7 @@ pub struct RunSummary {
     pub steps: u64,
     /// How the run ended: `finished` at the end of the path, `duration_over`, `plant_failed`.
     pub status: String,
-    /// Whether the needle came to rest at the end of the path, the last tip within 1 mm of it and every one after the first fifth
-    /// within 1 mm of the path.
+    /// Whether the last tip is within 1 mm of the path's end, at rest or not, and every one after the first fifth within 1 mm of the path.
     pub success: bool,
     /// Root mean square distance to the path after its first fifth, mm; `None` where the tip never got there.
     pub rms_mm: Option<f64>,

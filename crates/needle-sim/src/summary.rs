@@ -91,15 +91,16 @@ impl Tally {
         distances.sort_by(f64::total_cmp);
         let max_mm = distances.last().copied();
         self.step_us.sort_by(f64::total_cmp);
-        let reached = ending == Ending::Finished;
+        // At rest or not: the last millimetre may be crept.
+        let reached = ending != Ending::PlantFailed
+            && final_mm < SUCCESS_MM
+            && self.length_mm - self.progress_mm < SUCCESS_MM;
         RunSummary {
             run_index,
             seed,
             steps: self.steps,
             status: ending.words().into(),
-            success: reached
-                && final_mm < SUCCESS_MM
-                && max_mm.is_some_and(|worst| worst < SUCCESS_MM),
+            success: reached && max_mm.is_some_and(|worst| worst < SUCCESS_MM),
             rms_mm,
             p95_mm: quantile(distances, 0.95),
             max_mm,
