@@ -9,7 +9,6 @@
 
 use super::bounds::Lane;
 use super::channel::{Channel, SIGN};
-use super::clipping::NARROW;
 use super::kernel::{Lanes, larger};
 use super::soft::Price;
 
@@ -18,8 +17,6 @@ use super::soft::Price;
 pub(super) struct Verdict {
     /// Bounds whose place in the guess was wrong.
     pub(super) changes: usize,
-    /// Those of them whose opposite bound is held instead: they are not expected to be wrong again.
-    pub(super) crossed: usize,
     /// Whether the ellipsoid's linearisation was too coarse.
     pub(super) rough: bool,
     /// Largest distance of a held value from its bound.
@@ -33,7 +30,6 @@ impl Verdict {
     pub(super) fn and(self, other: Self) -> Self {
         Self {
             changes: self.changes + other.changes,
-            crossed: self.crossed + other.crossed,
             rough: self.rough || other.rough,
             distance: larger(self.distance, other.distance),
             gap: self.gap + other.gap,
@@ -169,9 +165,6 @@ impl Channel {
                 }
             }
         }
-        if verdict.changes > 0 && self.price == Price::Hard {
-            verdict.crossed = self.cross();
-        }
         for fixed in &mut self.fixed {
             let (lane, i) = (fixed.index / 4, fixed.index % 4);
             let after = self.v[lane][i] - fixed.target + self.dv[lane][i];
@@ -185,30 +178,6 @@ impl Channel {
             }
         }
         verdict
-    }
-
-    /// Holds the opposite bound of what was just let go with a multiplier so negative that the value, moved by a curvature of up to 1e3, passes
-    /// it: let go first, a row of narrow boxes would cost a sweep more and count as wrong. Returns how many.
-    fn cross(&mut self) -> usize {
-        let [lower, upper] = &mut self.sides;
-        let mut crossed = 0;
-        for (low, high) in lower.iter_mut().zip(upper) {
-            for i in 0..4 {
-                let width = low.bound[i] + high.bound[i];
-                let apart =
-                    low.on[i] * high.on[i] != 0.0 && low.place[i] + high.place[i] == OUTSIDE;
-                for (z, opposite) in [
-                    (low.target[i], &mut high.place[i]),
-                    (high.target[i], &mut low.place[i]),
-                ] {
-                    if apart && width < -NARROW * z {
-                        *opposite = HELD;
-                        crossed += 1;
-                    }
-                }
-            }
-        }
-        crossed
     }
 }
 
@@ -236,7 +205,6 @@ fn settle_hard<L: Lanes>(
             changes[i] += (next - held).abs();
             lane.place[i] = next;
             lane.z[i] = next * z;
-            lane.target[i] = z;
             gap[i] = lanes.fma1(lane.z[i], after.abs(), gap[i]);
         }
     }

@@ -27,7 +27,6 @@ pub(super) struct Lane {
     pub(super) w: [f64; 4],
     /// Place in the active-set guess, see `active`.
     pub(super) place: [f64; 4],
-    /// Aim of the corrector; in active-set sweeps the multiplier of what was held, of either sign.
     pub(super) target: [f64; 4],
 }
 

@@ -25,9 +25,6 @@ pub(super) struct Cuts {
 /// Cuts up to which a guess is worth a sweep.
 pub(super) const FEW: usize = 10;
 
-/// Width of a box, as a part of what was cut off or of a multiplier, below which any plan meets it: no sign of winding up.
-pub(super) const NARROW: f64 = 1e-3;
-
 impl Cuts {
     /// Mean product of multiplier and width, if anything was cut off.
     pub(super) fn mean_product(&self) -> Option<f64> {
@@ -47,7 +44,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         hold: Option<&mut Cuts>,
     ) -> bool {
         let mark = if hold.is_some() { HELD } else { MET };
-        let (mut cut, mut count, mut products) = (false, 0, 0.0);
+        let (mut count, mut products) = (0, 0.0);
         for i in 0..NU {
             let (l, j) = ((k * NU + i) / 4, (k * NU + i) % 4);
             let sides = self.inputs.sides.iter().chain(&self.rates.sides);
@@ -69,8 +66,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
                     cutting.sides[side][l].place[j] = mark;
                     let width = width(&cutting.sides[side][l], &cutting.sides[1 - side][l], j);
                     products += excess * width / self.gains[k].inverse[i][i];
-                    count += usize::from(width >= NARROW * excess);
-                    cut = true;
+                    count += 1;
                     break;
                 }
             }
@@ -81,6 +77,6 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
             }
             cuts.count += count;
         }
-        cut
+        count > 0
     }
 }

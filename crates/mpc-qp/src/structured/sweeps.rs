@@ -154,12 +154,17 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             }
             right = verdict.changes == 0;
             // A method that cycles stops improving: better to leave early.
-            let wrong = verdict.changes - verdict.crossed;
-            if wrong > patience.wrong || (wrong >= fewest && sweep >= patience.free) {
+            if verdict.changes > patience.wrong
+                || (verdict.changes >= fewest && sweep >= patience.free)
+            {
                 return false;
             }
             // The ellipsoid linearised anew may ask for other bounds than those that were right before.
-            fewest = if right { usize::MAX } else { fewest.min(wrong) };
+            fewest = if right {
+                usize::MAX
+            } else {
+                fewest.min(verdict.changes)
+            };
         }
         false
     }

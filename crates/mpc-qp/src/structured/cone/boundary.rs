@@ -191,7 +191,6 @@ impl<const NX: usize> Cone<NX> {
             rough,
             distance: linear.abs(),
             gap: self.z.head * after.abs(),
-            ..Verdict::default()
         }
     }
 
