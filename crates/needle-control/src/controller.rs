@@ -56,7 +56,8 @@ pub enum Origin {
 pub struct Softened {
     /// How far its poses are outside the corridor at most, along a cross axis of the reference, mm.
     pub corridor_mm: f64,
-    /// How far its end is outside the terminal set, in `sqrt(x'Px)`.
+    /// How far its end is outside the terminal set, in `sqrt(x'Px)`, or by how much the law's first change from there is beyond its limits,
+    /// whichever is more.
     pub terminal_set: f64,
 }
 

@@ -6,10 +6,11 @@
 //!
 //! A measured tip may be outside. Walls at w would then ask to be back at once, at full bend, and a horizon of a few millimetres does not see the
 //! swing to the other side that follows. So a wall that a tip coasting beside the path is beyond stands at that tip, and
-//! follows it in, sample by sample; the other walls stay. It is the cost that brings the tip back, as without a corridor.
+//! follows it in, sample by sample; the other walls stay. It is the cost that brings the tip back, as without a corridor. A tip that heads outward by
+//! h must go on by h^2 / (2 kappa') before it comes back, with kappa' the needle's bend against the path's: a wall short of that would be kept best by
+//! a needle that stands still, so it stands there.
 //!
-//! The walls are soft, at an L1 price: where it exceeds their multipliers a plan keeps them whenever one does, and otherwise leaves them by the
-//! least sum over samples that inputs and rates admit.
+//! The walls are soft, at an L1 price: where it exceeds their multipliers a plan keeps them whenever one does.
 
 use mpc_qp::{Penalty, Row, Softening, Stage};
 use nalgebra::{SVector, Vector2, Vector3};
@@ -24,9 +25,18 @@ pub(crate) struct Corridor {
     half_width_mm: f64,
     /// Of a millimetre beyond a wall at one sample, in the units of the cost.
     pub(crate) price_per_mm: f64,
-    /// Offset of the measured tip across the path, in the world, mm.
-    tip_mm: Vector3<f64>,
+    /// Offsets across the path, in the world, of the measured tip and of where it turns back at the earliest, mm.
+    unavoidable_mm: [Vector3<f64>; 2],
 }
+
+/// Bend of a needle that is as good as straight, 1/mm.
+const STRAIGHT_PER_MM: f64 = 1e-9;
+
+/// Share of the bend to spare with which a tip that heads outward is expected to turn back: the roll is not there at once.
+const TURNING_SHARE: f64 = 1.0;
+
+/// Least part of the needle's bend that a path leaves it to turn back with.
+const LEAST_SPARE: f64 = 0.1;
 
 /// Sides of the path along an axis.
 const SIDES: [f64; 2] = [1.0, -1.0];
@@ -37,20 +47,41 @@ impl Corridor {
         half_width_mm.map(|half_width_mm| Self {
             half_width_mm,
             price_per_mm,
-            tip_mm: Vector3::zeros(),
+            unavoidable_mm: [Vector3::zeros(); 2],
         })
     }
 
-    /// Puts the walls where the tip is measured, if that is outside about `reference`.
-    pub(crate) fn enclose(&mut self, tip: &Pose, reference: &Pose) {
-        let (offset_mm, tangent) = (tip.position_mm - reference.position_mm, reference.tangent());
-        self.tip_mm = offset_mm - tangent * tangent.dot(&offset_mm);
+    /// Puts the walls about `reference`, which bends by `bending_per_mm` (a vector in the world), no nearer than the measured tip of a needle of
+    /// curvature `kappa_per_mm` must go.
+    pub(crate) fn enclose(
+        &mut self,
+        tip: &Pose,
+        reference: &Pose,
+        kappa_per_mm: f64,
+        bending_per_mm: &Vector3<f64>,
+    ) {
+        let tangent = reference.tangent();
+        let across = |v: Vector3<f64>| v - tangent * tangent.dot(&v);
+        let tip_mm = across(tip.position_mm - reference.position_mm);
+        let heading = across(tip.tangent());
+        let outward = heading.try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+        let spare_per_mm = kappa_per_mm + bending_per_mm.dot(&outward);
+        let least_per_mm = (LEAST_SPARE * kappa_per_mm).max(STRAIGHT_PER_MM);
+        let way_mm = heading.norm() / (2.0 * TURNING_SHARE * spare_per_mm.max(least_per_mm));
+        self.unavoidable_mm = [tip_mm, tip_mm + heading * way_mm];
     }
 
     /// Distances of the walls of either side about a pose of the reference. The frame may turn under a tip that coasts.
     fn walls_mm(&self, reference: &Pose) -> [Vector2<f64>; 2] {
-        let tip_mm = (reference.rotation.inverse() * self.tip_mm).xy();
-        SIDES.map(|side| tip_mm.map(|mm| self.half_width_mm.max(side * mm)))
+        let offsets_mm = self
+            .unavoidable_mm
+            .map(|mm| (reference.rotation.inverse() * mm).xy());
+        SIDES.map(|side| {
+            let half_width_mm = Vector2::repeat(self.half_width_mm);
+            offsets_mm
+                .iter()
+                .fold(half_width_mm, |walls, mm| walls.sup(&(mm * side)))
+        })
     }
 
     /// The walls' price in a program whose costs carry the factor 1/2.

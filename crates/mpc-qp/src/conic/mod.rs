@@ -245,10 +245,11 @@ fn cones<const NX: usize, const NU: usize>(layout: &Layout<NX, NU>) -> Vec<Suppo
 /// its gap.
 const GAP: f64 = 1e-3;
 
-/// Limits, with `tolerance` asked of gap and feasibility. Where the gap comes no further than that tolerance, Clarabel calls it almost solved.
+/// Limits, with `tolerance` asked of feasibility and a part of the settings' own, or a tighter `tolerance`, of the gap. Where the gap comes no further than that tolerance, Clarabel calls it almost solved.
 ///
 /// Presolve and zero dropping would forbid updates. Refinement stays at its defaults: it is what keeps Clarabel right.
 fn clarabel_settings(settings: &SolverSettings, tolerance: f64) -> DefaultSettings<f64> {
+    let gap = tolerance.min(GAP * settings.tolerance);
     DefaultSettings {
         verbose: false,
         presolve_enable: false,
@@ -259,8 +260,8 @@ fn clarabel_settings(settings: &SolverSettings, tolerance: f64) -> DefaultSettin
         time_limit: settings
             .time_limit
             .map_or(f64::INFINITY, |limit| limit.as_secs_f64()),
-        tol_gap_abs: GAP * tolerance,
-        tol_gap_rel: GAP * tolerance,
+        tol_gap_abs: gap,
+        tol_gap_rel: gap,
         tol_feas: tolerance,
         reduced_tol_gap_abs: tolerance,
         reduced_tol_gap_rel: tolerance,

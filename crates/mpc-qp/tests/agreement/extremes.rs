@@ -77,7 +77,14 @@ fn tiny_ellipsoids_are_met() {
                 center,
                 level,
             };
-            same_cost("tiny set", &tracked(&stage, 1, horizon, terminal));
+            let problem = tracked(&stage, 1, horizon, terminal);
+            same_cost("tiny set", &problem);
+            let off = structured(&problem).x[horizon] - center;
+            let (reach, radius) = (off.dot(&(p * off)).sqrt(), f64::sqrt(level));
+            assert!(
+                reach <= radius + 1e-9,
+                "{reach:e} from the centre of {radius:e}"
+            );
         }
     }
 }

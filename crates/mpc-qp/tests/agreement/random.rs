@@ -111,6 +111,7 @@ fn tighter_distance<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -
     let [ours, theirs] = solvers(problem, settings).map(|(_, mut solver)| {
         let mut solution = Solution::new(problem);
         solver.solve(problem, Start::Cold, &mut solution).unwrap();
+        assert_eq!(solution.status, SolveStatus::Solved);
         solution
     });
     distance([&ours, &theirs])
@@ -161,7 +162,7 @@ fn agree<const NX: usize, const NU: usize>(
     }
     // Where answers within the tolerance are farther apart than 1e-5, the cost is flat, and a hundredth of the tolerance brings them together.
     prop_assert!(
-        apart <= 1e-5 || tighter_distance(&problem) <= 1e-5,
+        apart <= 1e-5 || (apart <= 1e-3 && tighter_distance(&problem) <= 1e-5),
         "first inputs {apart:e} apart"
     );
     Ok(Some(apart))

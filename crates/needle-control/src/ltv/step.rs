@@ -7,7 +7,7 @@ use crate::controller::{
 };
 use crate::follower::Follower;
 use crate::survival::Sample;
-use nalgebra::{SVector, Vector2};
+use nalgebra::{SVector, Vector2, Vector3};
 use needle_model::{Input, Pose, StepError};
 use std::time::Instant;
 
@@ -55,7 +55,8 @@ impl<const NX: usize> LinearController<NX> {
         // The deviation applied last was one from the reference's input at that time.
         if let Some(corridor) = &mut self.corridor {
             self.axis.copy_from_slice(&self.follower.tracker.poses);
-            corridor.enclose(pose, &self.axis[0]);
+            // At the linear price no needle stands still for a wall: its heading may be left out.
+            corridor.enclose(pose, &self.axis[0], f64::INFINITY, &Vector3::zeros());
         }
         let before = self.refer(pose, sample, started);
         self.linearise().ok()?;

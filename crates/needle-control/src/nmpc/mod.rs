@@ -153,7 +153,7 @@ impl NmpcController {
         TerminalRegion::at_horizon_end(tracker, &self.chosen.ingredients, ALL_COORDINATES)
     }
 
-    /// Cost V_N of the present plan, in the units of the weights, by those in force at the last step.
+    /// Cost V_N of the present plan, in the units of the weights, by those in force at the last step; the price of leaving a corridor is no part of it.
     #[must_use]
     pub fn value(&self) -> f64 {
         self.shooting
@@ -227,7 +227,12 @@ impl NmpcController {
         let stray = Stray::at(pose, &self.follower, dt_s);
         self.shooting.weigh(form, &stray);
         if let Some(corridor) = &mut self.shooting.corridor {
-            corridor.enclose(pose, &self.follower.tracker.poses[0]);
+            let tracker = &self.follower.tracker;
+            let (kappa_per_mm, bending) = (
+                self.follower.needle.curvature_per_mm(),
+                tracker.bending_per_mm(0),
+            );
+            corridor.enclose(pose, &tracker.poses[0], kappa_per_mm, &bending);
         }
         if self.planned.is_none() {
             return self.plan_afresh(pose, sample, started);

@@ -63,6 +63,7 @@ impl OcpSolver<6, 2> for Both {
         solution: &mut Solution<6, 2>,
     ) -> Result<(), SolveError> {
         self.structured.solve(problem, start, solution)?;
+        assert_eq!(solution.status, SolveStatus::Solved);
         let mut found = self.found.lock().unwrap();
         found.programs += 1;
         let mut answers = [(false, 0.0); 2];
@@ -98,6 +99,6 @@ fn both_solvers_give_the_same_first_input_of_each_program() {
     assert!(found.programs > 200, "{found:?}");
     // Measured: 2.8e-6, and 7.6e-6 in the 20 programs where Clarabel fell short.
     assert!(found.largest < 1e-5, "{found:?}");
-    assert!(found.largest_short < 1e-4, "{found:?}");
+    assert!(found.largest_short < 1e-5, "{found:?}");
     assert!(5 * found.short <= found.programs, "{found:?}");
 }

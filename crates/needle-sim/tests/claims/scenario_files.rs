@@ -76,7 +76,7 @@ fn a_wrong_key_is_told_with_its_line_and_what_is_allowed() {
         (
             "horizon",
             "horison",
-            "scenario:12: controller.horison: unknown key; known here: name, horizon, ",
+            "scenario:12: controller.horison: unknown key; known here: name, corridor_mm, horizon, ",
         ),
         (
             "seed = 3",
