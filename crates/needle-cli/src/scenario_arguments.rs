@@ -25,9 +25,9 @@ impl ScenarioArgs {
 /// The scenario of a file, or of a preset where no such file is.
 pub(crate) fn read(name: &str, set: &[String]) -> Result<Scenario, CliError> {
     let path = Path::new(name);
-    let mut document = match Preset::named(name) {
-        Some(preset) if !path.exists() => Document::parse(preset.toml)?,
-        _ => Document::load(path)?,
+    let mut document = match Preset::unless_file(name, path) {
+        Some(preset) => Document::parse(preset.toml)?,
+        None => Document::load(path)?,
     };
     for argument in set {
         let (key, value) = argument.split_once('=').ok_or_else(|| CliError::Set {

@@ -38,6 +38,9 @@ const TURNING_SHARE: f64 = 1.0;
 /// Least part of the needle's bend that a path leaves it to turn back with.
 const LEAST_SPARE: f64 = 0.1;
 
+/// Rows of a stage that are its walls, the first ones: two sides along two axes.
+pub(crate) const WALLS: usize = 4;
+
 /// Sides of the path along an axis.
 const SIDES: [f64; 2] = [1.0, -1.0];
 
@@ -101,7 +104,7 @@ impl Corridor {
             h_u: SVector::zeros(),
             upper: f64::INFINITY,
         };
-        vec![open; 4]
+        vec![open; WALLS]
     }
 
     /// Writes the walls about `reference` at the end of a stage into its first rows: the state after it is the perturbation of `pose`.

@@ -157,11 +157,9 @@ pub fn check(scenario: &Scenario) -> Result<CheckReport, RunError> {
         Needle::new(scenario.curvature_per_mm)?,
     );
     // A path of one pose has no step; a defect that cannot be had is no small one.
-    let defect = path.largest_defect(needle).map_err(|_| f64::INFINITY);
-    let largest_defect = defect.map_or_else(
-        |infinite| infinite,
-        |found| found.map_or(0.0, |(_, defect)| defect.norm()),
-    );
+    let largest_defect = path.largest_defect(needle).map_or(f64::INFINITY, |found| {
+        found.map_or(0.0, |(_, defect)| defect.norm())
+    });
     let refused = experiment.refused_terminals().iter();
     let refused = refused.map(|refused| format!("{}: {}", words(refused.choice), refused.reason));
     let mut report = CheckReport {

@@ -3,6 +3,7 @@
 
 use super::plan::Plan;
 use super::shooting::Shooting;
+use crate::corridor::WALLS;
 use crate::follower::Follower;
 use crate::tracking::Tracker;
 use nalgebra::Vector2;
@@ -135,7 +136,9 @@ impl Shooting {
             return 0.0;
         };
         let slacks = &self.programs.solution().slacks.stages;
-        let walls = slacks.iter().flat_map(|stage| stage.rows.iter().take(4));
+        let walls = slacks
+            .iter()
+            .flat_map(|stage| stage.rows.iter().take(WALLS));
         let left_mm: f64 = walls.sum();
         corridor.price_per_mm * left_mm - corridor.cost(&self.plan.poses, &tracker.poses)
     }

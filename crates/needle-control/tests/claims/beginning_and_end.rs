@@ -1,7 +1,7 @@
 //! How an insertion begins: with the first pose that is believed, whenever that comes; and how it ends: at the end of the path.
 
 use crate::linear::needle;
-use crate::scene::{DT_S, Scene};
+use crate::scene::{DT_S, Scene, apart};
 use crate::survival::{helix, on_time, predictive};
 use nalgebra::{Vector3, Vector6};
 use needle_control::{
@@ -35,10 +35,10 @@ fn time_spent_waiting_for_the_first_pose_is_none_of_the_path_s() {
                 let late = waits.step(&seen, on_time(WAITED + step)).input;
                 let punctual = at_once.step(&seen, on_time(step)).input;
                 // Rounding of the clock, through the solver's tolerance of 1e-8.
-                let apart = (late.v_mm_s - punctual.v_mm_s)
-                    .abs()
-                    .max((late.omega_rad_s - punctual.omega_rad_s).abs());
-                assert!(apart < 1e-5, "{name}, {step}: {late:?} {punctual:?}");
+                assert!(
+                    apart(late, punctual) < 1e-5,
+                    "{name}, {step}: {late:?} {punctual:?}"
+                );
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::linear::{HELIX, needle, path};
 use crate::nonlinear_terminal::certified;
-use crate::scene::{DT_S, Scene};
+use crate::scene::{DT_S, Scene, apart};
 use mpc_qp::{ClarabelSolver, SolverSettings};
 use nalgebra::Vector6;
 use needle_control::{
@@ -221,9 +221,7 @@ fn corridor_far_wider_than_the_error_changes_no_input() {
     ] {
         assert_eq!(free.origins, wide.origins, "{name}");
         for (step, (a, b)) in free.inputs.iter().zip(&wide.inputs).enumerate() {
-            let gap = (a.v_mm_s - b.v_mm_s)
-                .abs()
-                .max((a.omega_rad_s - b.omega_rad_s).abs());
+            let gap = apart(*a, *b);
             // The solver's tolerance, over weights of 5e-5.
             assert!(gap < 1e-5, "{name} {step}: {gap}");
         }
@@ -278,9 +276,7 @@ fn both_solvers_agree_at_the_walls() {
     ];
     for (name, [a, b], steps) in [("linear", linear, 60), ("nonlinear", nonlinear, 40)] {
         for (step, (a, b)) in a.inputs.iter().zip(&b.inputs).take(steps).enumerate() {
-            let gap = (a.v_mm_s - b.v_mm_s)
-                .abs()
-                .max((a.omega_rad_s - b.omega_rad_s).abs());
+            let gap = apart(*a, *b);
             assert!(gap < 1e-5, "{name} {step}: {gap}");
         }
     }

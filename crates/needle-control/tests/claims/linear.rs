@@ -1,6 +1,6 @@
 //! The linear controllers: terminal choices, stability, invariance, agreement of the solvers.
 
-use crate::scene::{CURVATURE_PER_MM, DT_S, Scene};
+use crate::scene::{CURVATURE_PER_MM, DT_S, Scene, apart};
 use crate::stability::LinearPlant;
 use faer::Mat;
 use mpc_qp::{ClarabelSolver, SolverSettings};
@@ -215,9 +215,7 @@ fn largest_difference_seen_from(
         let input = here.step(&Measurement::of(pose), time_s).input;
         let seen = Measurement::of(view.compose(&pose));
         let same = there.step(&seen, time_s).input;
-        largest = largest
-            .max((input.v_mm_s - same.v_mm_s).abs())
-            .max((input.omega_rad_s - same.omega_rad_s).abs());
+        largest = largest.max(apart(input, same));
         pose = needle.step(&pose, input, DT_S).unwrap();
     }
     largest

@@ -1,7 +1,7 @@
 //! The nonlinear controller against the linear one, under a moved world, and from a symmetric start.
 
 use crate::linear::{largest_difference_under_a_move, moved};
-use crate::scene::{CURVATURE_PER_MM, DT_S, Scene};
+use crate::scene::{CURVATURE_PER_MM, DT_S, Scene, apart};
 use nalgebra::Vector6;
 use needle_control::{
     Controller, Convergence, InputLimits, LinearConfiguration, LinearWeights, LtvController,
@@ -81,9 +81,7 @@ fn unlimited_rates() -> InputLimits {
 fn nonlinear_equals_linear_to_second_order_of_the_error() {
     let gap = |size: f64| {
         let [nonlinear, linear] = first_inputs(size);
-        (nonlinear.v_mm_s - linear.v_mm_s)
-            .abs()
-            .max((nonlinear.omega_rad_s - linear.omega_rad_s).abs())
+        apart(nonlinear, linear)
     };
     let gaps = [0.1, 0.05, 0.025].map(gap);
     println!("{gaps:?}");

@@ -3,12 +3,19 @@
 use crate::deviates::Deviates;
 use nalgebra::{Vector3, Vector6};
 use needle_control::{Controller, Measurement};
-use needle_model::{Needle, Pose, ReferencePath};
+use needle_model::{Input, Needle, Pose, ReferencePath};
 
 pub(crate) const DT_S: f64 = 0.1;
 const SPEED_MM_S: f64 = 5.0;
 const LENGTH_MM: f64 = 100.0;
 pub(crate) const CURVATURE_PER_MM: f64 = 1.0 / 150.0;
+
+/// The larger of the differences of speed (mm/s) and spin (rad/s).
+pub(crate) fn apart(a: Input, b: Input) -> f64 {
+    (a.v_mm_s - b.v_mm_s)
+        .abs()
+        .max((a.omega_rad_s - b.omega_rad_s).abs())
+}
 
 /// A case of the table.
 pub(crate) struct Scene {

@@ -5,7 +5,7 @@
 use crate::deviates::Deviates;
 use crate::linear::{HELIX, needle, path};
 use crate::nonlinear_terminal::certified;
-use crate::scene::DT_S;
+use crate::scene::{DT_S, apart};
 use nalgebra::{Matrix2, Matrix2x6, Matrix6, Matrix6x2, Vector2, Vector6};
 use needle_control::{Controller, InputLimits, Measurement, NmpcController, TerminalChoice};
 use needle_model::{Input, Pose};
@@ -116,11 +116,8 @@ impl Set {
         let limits = InputLimits::default();
         let beyond = |input: Input, held: Input| {
             let nearest = limits.admissible(input, held, DT_S);
-            let excess = (input.v_mm_s - nearest.v_mm_s)
-                .abs()
-                .max((input.omega_rad_s - nearest.omega_rad_s).abs());
             // P and K by differences are wrong by 1e-8 of themselves.
-            excess > 1e-6
+            apart(input, nearest) > 1e-6
         };
         let (mut reference, mut pose) = (Pose::identity(), Pose::exp(xi));
         let (mut value, mut input) = (self.value(xi), self.law(xi));

@@ -66,8 +66,7 @@ impl Campaign {
         let document = Document::parse(text).map_err(|error| faults(error.faults().to_vec()))?;
         let specification = read(&document).map_err(faults)?;
         let base_path = folder.join(&specification.scenario);
-        // As on the command line: a file first.
-        let preset = Preset::named(&specification.scenario).filter(|_| !base_path.exists());
+        let preset = Preset::unless_file(&specification.scenario, &base_path);
         let (base, base_text) = match preset {
             Some(preset) => (Document::parse(preset.toml)?, preset.toml.to_owned()),
             None => (Document::load(&base_path)?, read_text(&base_path)?),

@@ -1,8 +1,7 @@
 //! What the ranges of single keys cannot say: values that are allowed each but not together.
 
-use nalgebra::Vector3;
-
 use super::{EstimatorChoice, InputSegment, MOST_SAMPLES, Reference, Scenario};
+use nalgebra::Vector3;
 
 /// Half a turn and a rounding: a longer rotation vector looks like another offset.
 const MOST_TURN_RAD: f64 = 3.2;

@@ -1,5 +1,7 @@
 //! Scenarios that come with the crate.
 
+use std::path::Path;
+
 /// A scenario that comes with the crate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Preset {
@@ -35,5 +37,11 @@ impl Preset {
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         PRESETS.into_iter().find(|preset| preset.name == name)
+    }
+
+    /// The preset of a name that stands for a file as well: the file comes first.
+    #[must_use]
+    pub fn unless_file(name: &str, file: &Path) -> Option<Self> {
+        Self::named(name).filter(|_| !file.exists())
     }
 }
