@@ -114,13 +114,15 @@ impl Channel {
                 .zip(&mut self.weight)
                 .zip(&mut self.force);
             if self.price == Price::Hard {
+                let signs = lanes.load4([sign; 4]);
                 for (((lane, v), weight), force) in places {
-                    for i in 0..4 {
-                        lane.r[i] = lanes.fma1(sign, v[i], -lane.bound[i]);
-                        weight[i] = lanes.fma1(lane.place[i], self.omega, weight[i]);
-                        let pull = lanes.fma1(self.omega, lane.r[i], lane.z[i]);
-                        force[i] = lanes.fma1(sign * lane.place[i], pull, force[i]);
-                    }
+                    let (place, bound) = (lanes.load4(lane.place), lanes.load4(lane.bound));
+                    let r = lanes.fma4(sign, lanes.load4(*v), lanes.neg4(bound));
+                    let pull = lanes.fma4(self.omega, r, lanes.load4(lane.z));
+                    let way = lanes.mul4(signs, place);
+                    lane.r = lanes.store4(r);
+                    *weight = lanes.store4(lanes.fma4(self.omega, place, lanes.load4(*weight)));
+                    *force = lanes.store4(lanes.muladd4(way, pull, lanes.load4(*force)));
                 }
             } else {
                 for (((lane, v), weight), force) in places {
@@ -189,32 +191,30 @@ fn settle_hard<L: Lanes>(
     omega: f64,
     dv: &[[f64; 4]],
 ) -> Verdict {
-    let mut changes = [0.0; 4];
-    let mut distance = [0.0; 4];
-    let mut gap = [0.0; 4];
+    let (nothing, one) = (lanes.load4([0.0; 4]), lanes.load4([1.0; 4]));
+    let (mut changes, mut distance, mut gap) = (nothing, nothing, nothing);
     for (lane, dv) in side.iter_mut().zip(dv) {
-        for i in 0..4 {
-            let after = lanes.fma1(sign, dv[i], lane.r[i]);
-            let held = larger(lane.place[i], OUTSIDE);
-            let z = held * lanes.fma1(omega, after, lane.z[i]);
-            distance[i] = larger(distance[i], held * after.abs());
-            // Rounding of the value itself must not call for a bound that holds with equality.
-            let violated = after > ROUNDING * (1.0 + lane.bound[i].abs());
-            let met = violated || lane.place[i] == MET;
-            let next = lane.on[i] * f64::from(u8::from(if held == HELD { z > 0.0 } else { met }));
-            changes[i] += (next - held).abs();
-            lane.place[i] = next;
-            lane.z[i] = next * z;
-            gap[i] = lanes.fma1(lane.z[i], after.abs(), gap[i]);
-        }
+        let place = lanes.load4(lane.place);
+        let held = lanes.larger4(place, nothing);
+        let after = lanes.fma4(sign, lanes.load4(*dv), lanes.load4(lane.r));
+        let size = lanes.abs4(after);
+        let z = lanes.mul4(held, lanes.fma4(omega, after, lanes.load4(lane.z)));
+        // Rounding of the value itself must not call for a bound that holds with equality.
+        let slack = lanes.add4(one, lanes.abs4(lanes.load4(lane.bound)));
+        let excess = lanes.fma4(-ROUNDING, slack, after);
+        let met = lanes.fma4(-1.0, place, nothing);
+        let asked = lanes.choose4(held, z, lanes.choose4(met, one, excess));
+        let next = lanes.choose4(asked, lanes.load4(lane.on), nothing);
+        let z = lanes.mul4(next, z);
+        (lane.place, lane.z) = (lanes.store4(next), lanes.store4(z));
+        changes = lanes.add4(changes, lanes.abs4(lanes.fma4(-1.0, held, next)));
+        distance = lanes.larger4(distance, lanes.mul4(held, size));
+        gap = lanes.add4(gap, lanes.mul4(z, size));
     }
     Verdict {
-        changes: (changes[0] + changes[1] + changes[2] + changes[3]) as usize,
-        distance: larger(
-            larger(distance[0], distance[1]),
-            larger(distance[2], distance[3]),
-        ),
-        gap: (gap[0] + gap[1]) + (gap[2] + gap[3]),
+        changes: lanes.store4(changes).iter().sum::<f64>() as usize,
+        distance: lanes.store4(distance).into_iter().fold(0.0, larger),
+        gap: lanes.store4(gap).iter().sum(),
         ..Verdict::default()
     }
 }

@@ -92,34 +92,35 @@ pub(super) fn weigh<L: Lanes>(
     weight: &mut [[f64; 4]],
     force: &mut [[f64; 4]],
 ) {
+    let (one, sign) = (lanes.load4([1.0; 4]), lanes.load4([sign; 4]));
     for ((lane, weight), force) in side.iter_mut().zip(weight).zip(force) {
-        for i in 0..4 {
-            lane.inv[i] = 1.0 / lane.s[i];
-            lane.w[i] = lane.on[i] * lane.z[i] * lane.inv[i];
-            weight[i] += lane.w[i];
-            force[i] = lanes.fma1(sign * lane.w[i], lane.r[i], force[i]);
-        }
+        let inv = lanes.div4(one, lanes.load4(lane.s));
+        let w = lanes.mul4(lanes.mul4(lanes.load4(lane.on), lanes.load4(lane.z)), inv);
+        let pull = lanes.mul4(sign, w);
+        *weight = lanes.store4(lanes.add4(lanes.load4(*weight), w));
+        *force = lanes.store4(lanes.muladd4(pull, lanes.load4(lane.r), lanes.load4(*force)));
+        (lane.inv, lane.w) = (lanes.store4(inv), lanes.store4(w));
     }
 }
 
 /// Affine direction from the values' step.
 #[inline(always)]
 pub(super) fn predict<L: Lanes>(lanes: L, side: &mut [Lane], sign: f64, dv: &[[f64; 4]]) -> Reach {
-    let mut ratio = [0.0; 4];
-    let mut product = [0.0; 4];
+    let (mut ratio, mut product) = (lanes.load4([0.0; 4]), lanes.load4([0.0; 4]));
     for (lane, dv) in side.iter_mut().zip(dv) {
-        for i in 0..4 {
-            let ds = -lane.on[i] * lanes.fma1(sign, dv[i], lane.r[i]);
-            let dz = lanes.fma1(-lane.w[i], ds, -lane.on[i] * lane.z[i]);
-            let change = ds * lane.inv[i];
-            // dz/z = -1 - ds/s in the affine direction: no second division.
-            ratio[i] = larger(ratio[i], larger(-change, lane.on[i] + change));
-            product[i] = lanes.fma1(ds, dz, product[i]);
-            lane.ds[i] = ds;
-            lane.dz[i] = dz;
-        }
+        let on = lanes.load4(lane.on);
+        let off = lanes.neg4(on);
+        let ds = lanes.mul4(off, lanes.fma4(sign, lanes.load4(*dv), lanes.load4(lane.r)));
+        let spent = lanes.mul4(off, lanes.load4(lane.z));
+        let dz = lanes.muladd4(lanes.neg4(lanes.load4(lane.w)), ds, spent);
+        let change = lanes.mul4(ds, lanes.load4(lane.inv));
+        // dz/z = -1 - ds/s in the affine direction: no second division.
+        let largest = lanes.larger4(lanes.neg4(change), lanes.add4(on, change));
+        ratio = lanes.larger4(ratio, largest);
+        product = lanes.muladd4(ds, dz, product);
+        (lane.ds, lane.dz) = (lanes.store4(ds), lanes.store4(dz));
     }
-    reduce(ratio, product)
+    reduce(lanes.store4(ratio), lanes.store4(product))
 }
 
 /// Forces of the corrector: complementarity products aim at `target_mu` less the predictor's second-order term, or stay what they are
@@ -142,49 +143,48 @@ pub(super) fn correct<L: Lanes>(
         }
         return;
     };
+    let target_mu = lanes.load4([target_mu; 4]);
     for (lane, force) in side.iter_mut().zip(force) {
-        for i in 0..4 {
-            let target = lane.on[i] * lanes.fma1(-lane.ds[i], lane.dz[i], target_mu) * lane.inv[i];
-            force[i] = lanes.fma1(sign, lanes.fma1(lane.w[i], lane.r[i], target), force[i]);
-            lane.target[i] = target;
-        }
+        let (ds, dz) = (lanes.load4(lane.ds), lanes.load4(lane.dz));
+        let aim = lanes.muladd4(lanes.neg4(ds), dz, target_mu);
+        let target = lanes.mul4(lanes.mul4(lanes.load4(lane.on), aim), lanes.load4(lane.inv));
+        let z = lanes.muladd4(lanes.load4(lane.w), lanes.load4(lane.r), target);
+        *force = lanes.store4(lanes.fma4(sign, z, lanes.load4(*force)));
+        lane.target = lanes.store4(target);
     }
 }
 
 /// Corrected direction from the values' step.
 #[inline(always)]
 pub(super) fn aim<L: Lanes>(lanes: L, side: &mut [Lane], sign: f64, dv: &[[f64; 4]]) -> Reach {
-    let mut ratio = [0.0; 4];
-    let mut product = [0.0; 4];
+    let (mut ratio, mut product) = (lanes.load4([0.0; 4]), lanes.load4([0.0; 4]));
     for (lane, dv) in side.iter_mut().zip(dv) {
-        for i in 0..4 {
-            let ds = -lane.on[i] * lanes.fma1(sign, dv[i], lane.r[i]);
-            let dz = lanes.fma1(
-                -lane.w[i],
-                ds,
-                lanes.fma1(-lane.on[i], lane.z[i], lane.target[i]),
-            );
-            ratio[i] = larger(ratio[i], larger(-ds * lane.inv[i], -dz / lane.z[i]));
-            product[i] = lanes.fma1(ds, dz, product[i]);
-            lane.ds[i] = ds;
-            lane.dz[i] = dz;
-        }
+        let (off, z) = (lanes.neg4(lanes.load4(lane.on)), lanes.load4(lane.z));
+        let ds = lanes.mul4(off, lanes.fma4(sign, lanes.load4(*dv), lanes.load4(lane.r)));
+        let aim = lanes.muladd4(off, z, lanes.load4(lane.target));
+        let dz = lanes.muladd4(lanes.neg4(lanes.load4(lane.w)), ds, aim);
+        let slack = lanes.mul4(lanes.neg4(ds), lanes.load4(lane.inv));
+        let largest = lanes.larger4(slack, lanes.div4(lanes.neg4(dz), z));
+        ratio = lanes.larger4(ratio, largest);
+        product = lanes.muladd4(ds, dz, product);
+        (lane.ds, lane.dz) = (lanes.store4(ds), lanes.store4(dz));
     }
-    reduce(ratio, product)
+    reduce(lanes.store4(ratio), lanes.store4(product))
 }
 
 /// Moves along the direction; returns the new sum of s z.
 #[inline(always)]
 pub(super) fn advance<L: Lanes>(lanes: L, side: &mut [Lane], alpha: f64) -> f64 {
-    let mut gap = [0.0; 4];
+    let mut gap = lanes.load4([0.0; 4]);
+    let left = lanes.load4([1.0 - alpha; 4]);
     for lane in side {
-        for i in 0..4 {
-            lane.s[i] = lanes.fma1(alpha, lane.ds[i], lane.s[i]);
-            lane.z[i] = lanes.fma1(alpha, lane.dz[i], lane.z[i]);
-            lane.r[i] *= 1.0 - alpha;
-            gap[i] = lanes.fma1(lane.on[i] * lane.s[i], lane.z[i], gap[i]);
-        }
+        let s = lanes.fma4(alpha, lanes.load4(lane.ds), lanes.load4(lane.s));
+        let z = lanes.fma4(alpha, lanes.load4(lane.dz), lanes.load4(lane.z));
+        gap = lanes.muladd4(lanes.mul4(lanes.load4(lane.on), s), z, gap);
+        lane.r = lanes.store4(lanes.mul4(lanes.load4(lane.r), left));
+        (lane.s, lane.z) = (lanes.store4(s), lanes.store4(z));
     }
+    let gap = lanes.store4(gap);
     (gap[0] + gap[1]) + (gap[2] + gap[3])
 }
 

@@ -243,9 +243,7 @@ impl Channel {
             fixed.y += alpha * self.omega * (residual + self.dv[lane][i]);
         }
         for (v, dv) in self.v.iter_mut().zip(&self.dv) {
-            for i in 0..4 {
-                v[i] = lanes.fma1(alpha, dv[i], v[i]);
-            }
+            *v = lanes.store4(lanes.fma4(alpha, lanes.load4(*dv), lanes.load4(*v)));
         }
         let mut gap = 0.0;
         for side in 0..2 {

@@ -8,10 +8,10 @@
 //! shows in the number of cuts.
 
 use super::active::{HELD, MET, OUTSIDE, ROUNDING};
+use super::bounds::Lane;
 use super::channel::SIGN;
 use super::handover::width;
-use super::kernel::larger;
-use super::newton::Newton;
+use super::riccati::Gain;
 
 /// What clipped feedback met.
 #[derive(Clone, Copy, Debug, Default)]
@@ -32,40 +32,78 @@ impl Cuts {
     }
 }
 
-impl<const NX: usize, const NU: usize> Newton<NX, NU> {
+/// The bounds of inputs and rates.
+pub(super) struct Limits<'a> {
+    /// Lower and upper side of the inputs.
+    pub(super) inputs: &'a mut [Vec<Lane>; 2],
+    /// Of the rates.
+    pub(super) rates: &'a mut [Vec<Lane>; 2],
+}
+
+impl Limits<'_> {
     /// Cuts the input of stage k off at its limits and at those of its rate from the input `before`, leaving components that the guess
     /// holds alone. What cut is held from now on, or only marked as met for `settle`. True if anything was cut.
     #[inline(always)]
-    pub(super) fn clip(
+    pub(super) fn clip<const NX: usize, const NU: usize>(
         &mut self,
         k: usize,
         u: &mut [f64; NU],
         before: &[f64; NU],
+        gain: &Gain<NX, NU>,
+        hold: Option<&mut Cuts>,
+    ) -> bool {
+        // Most inputs are within their limits, which is cheap to see.
+        let mut within = true;
+        for i in 0..NU {
+            for side in 0..2 {
+                let limit = self.limit(side, k * NU + i, before[i]).0;
+                within &= SIGN[side] * u[i] - limit <= ROUNDING * (1.0 + limit.abs());
+            }
+        }
+        !within && self.cut(k, u, before, gain, hold)
+    }
+
+    /// The nearer of the limits of an input and of its rate on one side, and whether it is the input's.
+    #[inline(always)]
+    fn limit(&self, side: usize, index: usize, before: f64) -> (f64, bool) {
+        let by_input = self.inputs[side][index / 4].limit(index % 4);
+        let by_rate = self.rates[side][index / 4].limit(index % 4) + SIGN[side] * before;
+        if by_input <= by_rate {
+            (by_input, true)
+        } else {
+            (by_rate, false)
+        }
+    }
+
+    fn cut<const NX: usize, const NU: usize>(
+        &mut self,
+        k: usize,
+        u: &mut [f64; NU],
+        before: &[f64; NU],
+        gain: &Gain<NX, NU>,
         hold: Option<&mut Cuts>,
     ) -> bool {
         let mark = if hold.is_some() { HELD } else { MET };
         let (mut count, mut products) = (0, 0.0);
         for i in 0..NU {
             let (l, j) = ((k * NU + i) / 4, (k * NU + i) % 4);
-            let sides = self.inputs.sides.iter().chain(&self.rates.sides);
-            if sides.map(|side| side[l].place[j]).fold(OUTSIDE, larger) > OUTSIDE {
+            let held = |sides: &[Vec<Lane>; 2]| sides.iter().any(|side| side[l].place[j] > OUTSIDE);
+            if held(self.inputs) || held(self.rates) {
                 continue;
             }
             for side in 0..2 {
-                let sign = SIGN[side];
-                let by_input = self.inputs.sides[side][l].limit(j);
-                let by_rate = self.rates.sides[side][l].limit(j) + sign * before[i];
-                let (limit, cutting) = if by_input <= by_rate {
-                    (by_input, &mut self.inputs)
-                } else {
-                    (by_rate, &mut self.rates)
-                };
-                let excess = sign * u[i] - limit;
+                let (limit, by_input) = self.limit(side, k * NU + i, before[i]);
+                let excess = SIGN[side] * u[i] - limit;
                 if excess > ROUNDING * (1.0 + limit.abs()) {
-                    u[i] = sign * limit;
-                    cutting.sides[side][l].place[j] = mark;
-                    let width = width(&cutting.sides[side][l], &cutting.sides[1 - side][l], j);
-                    products += excess * width / self.gains[k].inverse[i][i];
+                    u[i] = SIGN[side] * limit;
+                    let cutting = if by_input {
+                        &mut self.inputs
+                    } else {
+                        &mut self.rates
+                    };
+                    cutting[side][l].place[j] = mark;
+                    let width = width(&cutting[side][l], &cutting[1 - side][l], j);
+                    products += excess * width / gain.inverse[i][i];
                     count += 1;
                     break;
                 }

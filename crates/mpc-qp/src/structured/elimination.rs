@@ -98,7 +98,7 @@ fn mirror<const N: usize>(m: &mut [[f64; N]; N]) {
     }
 }
 
-/// Eliminates u_k: from the value at k+1 to the value at k, leaving the gain behind.
+/// Eliminates u_k: from the value at k+1, `next`, to the value at k and the gain.
 ///
 /// Where weights on states can make P huge, the value's block in x is summed in closed-loop form (Joseph's): with F = A - B K and
 /// the next value's blocks P, Pxp, Ppp,
@@ -111,17 +111,17 @@ pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
     lanes: L,
     stage: &Stage<NX, NU>,
     cost: &Curvature<'_, NX, NU>,
-    value: &mut Value<NX, NU>,
-    gain: &mut Gain<NX, NU>,
+    next: &Value<NX, NU>,
+    (value, gain): (&mut Value<NX, NU>, &mut Gain<NX, NU>),
 ) {
     let mut hxu = [[0.0; NX]; NU];
     let mut m = *cost.r;
     for j in 0..NU {
-        let column = add_product(lanes, &value.xx, &stage.b[j], &value.xp[j]);
+        let column = add_product(lanes, &next.xx, &stage.b[j], &next.xp[j]);
         hxu[j] = add_product(lanes, &stage.at, &column, &cost.s[j]);
         m[j] = add_product(lanes, &stage.bt, &column, &m[j]);
         for i in j..NU {
-            m[j][i] += dot(lanes, &value.xp[i], &stage.b[j]) + value.pp[j][i];
+            m[j][i] += dot(lanes, &next.xp[i], &stage.b[j]) + next.pp[j][i];
         }
         m[j][j] += cost.u_weight[j];
     }
@@ -131,19 +131,14 @@ pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
         total[j][j] += cost.rate_weight[j];
     }
     let inv = inverse(lanes, &total);
-    let mut kx = [[0.0; NX]; NU];
     for i in 0..NU {
-        kx[i] = add_product(lanes, &hxu, &inv[i], &[0.0; NX]);
+        gain.kx[i] = add_product(lanes, &hxu, &inv[i], &[0.0; NX]);
     }
-    let short = if cost.closed_loop {
-        None
-    } else {
-        textbook(lanes, stage, cost.q, value, (&hxu, &kx))
-    };
-    value.xx = match short {
-        Some(xx) => xx,
-        None => closed_loop(lanes, stage, cost, value, &kx),
-    };
+    let kx = &gain.kx;
+    // Written in place: a block of states handed around is a copy that the next loads wait for.
+    if cost.closed_loop || !textbook(lanes, stage, cost.q, next, (&hxu, kx), &mut value.xx) {
+        closed_loop(lanes, stage, cost, next, kx, &mut value.xx);
+    }
     for j in 0..NU {
         for i in 0..NX {
             value.xp[j][i] = kx[j][i] * cost.rate_weight[j];
@@ -159,7 +154,6 @@ pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
                 0.5 * (mi[j][i] * cost.rate_weight[j] + mi[i][j] * cost.rate_weight[i]);
         }
     }
-    gain.kx = kx;
     gain.inverse = inv;
     gain.rate = cost.rate_weight;
 }
@@ -170,9 +164,10 @@ fn closed_loop<L: Lanes, const NX: usize, const NU: usize>(
     lanes: L,
     stage: &Stage<NX, NU>,
     cost: &Curvature<'_, NX, NU>,
-    value: &Value<NX, NU>,
+    next: &Value<NX, NU>,
     kx: &[[f64; NX]; NU],
-) -> [[f64; NX]; NX] {
+    xx: &mut [[f64; NX]; NX],
+) {
     // Rows of F, and of the factor of -K'.
     let mut rows = [[0.0; NX]; NX];
     for i in 0..NX {
@@ -182,17 +177,16 @@ fn closed_loop<L: Lanes, const NX: usize, const NU: usize>(
     for i in 0..NU {
         let mut weights = [0.0; NU];
         for l in 0..NU {
-            weights[l] = value.pp[i][l] + cost.r[i][l];
+            weights[l] = next.pp[i][l] + cost.r[i][l];
         }
         weights[i] += cost.u_weight[i] + cost.rate_weight[i];
         rest[i] = add_product(
             lanes,
             &rows,
-            &value.xp[i],
+            &next.xp[i],
             &sub_product(lanes, kx, &weights, &cost.s[i]),
         );
     }
-    let mut xx = [[0.0; NX]; NX];
     for j in 0..NX {
         let (mut f, mut k, mut g) = ([0.0; NX], [0.0; NU], [0.0; NU]);
         for l in 0..NX {
@@ -203,9 +197,9 @@ fn closed_loop<L: Lanes, const NX: usize, const NU: usize>(
         }
         let column = sub_product(
             lanes,
-            &value.xp,
+            &next.xp,
             &k,
-            &add_product(lanes, &value.xx, &f, &[0.0; NX]),
+            &add_product(lanes, &next.xx, &f, &[0.0; NX]),
         );
         let open = sub_product(lanes, cost.s, &k, &sub_product(lanes, kx, &g, &cost.q[j]));
         xx[j] = add_product(lanes, &rows, &column, &open);
@@ -216,33 +210,36 @@ fn closed_loop<L: Lanes, const NX: usize, const NU: usize>(
             (xx[j][i], xx[i][j]) = (mean, mean);
         }
     }
-    xx
 }
 
 /// Part of a diagonal entry that the subtraction must leave over.
 const LEAST_LEFT: f64 = 1e-3;
 
-/// Q + A'PA - Hxu K, or nothing where the difference is too small beside its terms.
+/// Q + A'PA - Hxu K; false where the difference is too small beside its terms.
 #[inline(always)]
 fn textbook<L: Lanes, const NX: usize, const NU: usize>(
     lanes: L,
     stage: &Stage<NX, NU>,
     q: &[[f64; NX]; NX],
-    value: &Value<NX, NU>,
+    next: &Value<NX, NU>,
     (hxu, kx): (&[[f64; NX]; NU], &[[f64; NX]; NU]),
-) -> Option<[[f64; NX]; NX]> {
-    let mut xx = [[0.0; NX]; NX];
+    xx: &mut [[f64; NX]; NX],
+) -> bool {
+    // Product by product: the columns of one matrix stay in registers.
+    let mut ahead = [[0.0; NX]; NX];
+    for j in 0..NX {
+        ahead[j] = add_product(lanes, &next.xx, &stage.a[j], &[0.0; NX]);
+    }
     let mut kept = true;
     for j in 0..NX {
         let mut gain = [0.0; NU];
         for i in 0..NU {
             gain[i] = kx[i][j];
         }
-        let ahead = add_product(lanes, &value.xx, &stage.a[j], &[0.0; NX]);
-        let open = add_product(lanes, &stage.at, &ahead, &q[j]);
+        let open = add_product(lanes, &stage.at, &ahead[j], &q[j]);
         xx[j] = sub_product(lanes, hxu, &gain, &open);
         kept &= xx[j][j] >= LEAST_LEFT * open[j];
     }
-    mirror(&mut xx);
-    kept.then_some(xx)
+    mirror(xx);
+    kept
 }

@@ -141,17 +141,20 @@ impl Channel {
             if !self.used[side] {
                 continue;
             }
-            for l in 0..self.v.len() {
+            let [lower, upper] = &mut self.sides;
+            let (near, far) = if side == 0 {
+                (lower, upper)
+            } else {
+                (upper, lower)
+            };
+            for ((lane, opposite), v) in near.iter_mut().zip(far).zip(&self.v) {
                 for i in 0..4 {
-                    let opposite = self.sides[1 - side][l];
-                    let v = self.v[l][i];
-                    let lane = &mut self.sides[side][l];
                     if lane.on[i] == 0.0 {
                         (lane.s[i], lane.z[i], lane.r[i]) = (1.0, 1.0, 0.0);
                         continue;
                     }
-                    let slack = lane.bound[i] - SIGN[side] * v;
-                    lane.s[i] = slack.max(least * width(lane, &opposite, i)).max(1e-8);
+                    let slack = lane.bound[i] - SIGN[side] * v[i];
+                    lane.s[i] = slack.max(least * width(lane, opposite, i)).max(1e-8);
                     lane.z[i] = mu / lane.s[i];
                     lane.r[i] = lane.s[i] - slack;
                 }

@@ -21,6 +21,22 @@ pub(super) trait Lanes: Copy + Debug {
     fn store4(self, four: Self::Four) -> [f64; 4];
     /// a b + c with one number for a.
     fn fma4(self, a: f64, b: Self::Four, c: Self::Four) -> Self::Four;
+    /// a b + c of each.
+    fn muladd4(self, a: Self::Four, b: Self::Four, c: Self::Four) -> Self::Four;
+    /// a b.
+    fn mul4(self, a: Self::Four, b: Self::Four) -> Self::Four;
+    /// a / b.
+    fn div4(self, a: Self::Four, b: Self::Four) -> Self::Four;
+    /// -a.
+    fn neg4(self, a: Self::Four) -> Self::Four;
+    /// a + b.
+    fn add4(self, a: Self::Four, b: Self::Four) -> Self::Four;
+    /// Magnitudes.
+    fn abs4(self, a: Self::Four) -> Self::Four;
+    /// The larger of each pair, the second if either is NaN.
+    fn larger4(self, a: Self::Four, b: Self::Four) -> Self::Four;
+    /// Where `sign` is positive `then`, elsewhere `otherwise`.
+    fn choose4(self, sign: Self::Four, then: Self::Four, otherwise: Self::Four) -> Self::Four;
     /// Reads two numbers.
     fn load2(self, from: [f64; 2]) -> Self::Two;
     /// Two numbers as an array.
@@ -56,6 +72,54 @@ impl Lanes for Portable {
         ]
     }
     #[inline(always)]
+    fn muladd4(self, a: [f64; 4], b: [f64; 4], c: [f64; 4]) -> [f64; 4] {
+        [
+            a[0] * b[0] + c[0],
+            a[1] * b[1] + c[1],
+            a[2] * b[2] + c[2],
+            a[3] * b[3] + c[3],
+        ]
+    }
+    #[inline(always)]
+    fn mul4(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        [a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3]]
+    }
+    #[inline(always)]
+    fn div4(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        [a[0] / b[0], a[1] / b[1], a[2] / b[2], a[3] / b[3]]
+    }
+    #[inline(always)]
+    fn neg4(self, a: [f64; 4]) -> [f64; 4] {
+        [-a[0], -a[1], -a[2], -a[3]]
+    }
+    #[inline(always)]
+    fn add4(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]]
+    }
+    #[inline(always)]
+    fn abs4(self, a: [f64; 4]) -> [f64; 4] {
+        a.map(f64::abs)
+    }
+    #[inline(always)]
+    fn larger4(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        [
+            larger(a[0], b[0]),
+            larger(a[1], b[1]),
+            larger(a[2], b[2]),
+            larger(a[3], b[3]),
+        ]
+    }
+    #[inline(always)]
+    fn choose4(self, sign: [f64; 4], then: [f64; 4], otherwise: [f64; 4]) -> [f64; 4] {
+        let mut chosen = otherwise;
+        for i in 0..4 {
+            if sign[i] > 0.0 {
+                chosen[i] = then[i];
+            }
+        }
+        chosen
+    }
+    #[inline(always)]
     fn load2(self, from: [f64; 2]) -> [f64; 2] {
         from
     }
@@ -88,6 +152,39 @@ impl Lanes for pulp::x86::V3 {
     #[inline(always)]
     fn fma4(self, a: f64, b: pulp::f64x4, c: pulp::f64x4) -> pulp::f64x4 {
         self.mul_add_f64x4(self.splat_f64x4(a), b, c)
+    }
+    #[inline(always)]
+    fn muladd4(self, a: pulp::f64x4, b: pulp::f64x4, c: pulp::f64x4) -> pulp::f64x4 {
+        self.mul_add_f64x4(a, b, c)
+    }
+    #[inline(always)]
+    fn div4(self, a: pulp::f64x4, b: pulp::f64x4) -> pulp::f64x4 {
+        self.div_f64x4(a, b)
+    }
+    #[inline(always)]
+    fn neg4(self, a: pulp::f64x4) -> pulp::f64x4 {
+        self.xor_f64x4(a, self.splat_f64x4(-0.0))
+    }
+    #[inline(always)]
+    fn mul4(self, a: pulp::f64x4, b: pulp::f64x4) -> pulp::f64x4 {
+        self.mul_f64x4(a, b)
+    }
+    #[inline(always)]
+    fn add4(self, a: pulp::f64x4, b: pulp::f64x4) -> pulp::f64x4 {
+        self.add_f64x4(a, b)
+    }
+    #[inline(always)]
+    fn abs4(self, a: pulp::f64x4) -> pulp::f64x4 {
+        self.abs_f64x4(a)
+    }
+    #[inline(always)]
+    fn larger4(self, a: pulp::f64x4, b: pulp::f64x4) -> pulp::f64x4 {
+        self.max_f64x4(a, b)
+    }
+    #[inline(always)]
+    fn choose4(self, sign: pulp::f64x4, then: pulp::f64x4, otherwise: pulp::f64x4) -> pulp::f64x4 {
+        let positive = self.cmp_lt_f64x4(self.splat_f64x4(0.0), sign);
+        self.select_f64x4(positive, then, otherwise)
     }
     #[inline(always)]
     fn load2(self, from: [f64; 2]) -> pulp::f64x2 {

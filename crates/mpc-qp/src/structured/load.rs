@@ -69,8 +69,14 @@ fn cost_unit<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> f64 {
     }
 }
 
-fn scaled<const M: usize, const C: usize>(blocks: &[[f64; M]; C], factor: f64) -> [[f64; M]; C] {
-    blocks.map(|column| column.map(|entry| factor * entry))
+fn scale<const M: usize, const C: usize>(
+    to: &mut [[f64; M]; C],
+    from: &[[f64; M]; C],
+    factor: f64,
+) {
+    for (to, from) in to.as_flattened_mut().iter_mut().zip(from.as_flattened()) {
+        *to = factor * from;
+    }
 }
 
 fn face_count<const NX: usize>(set: &TerminalSet<NX>) -> usize {
@@ -209,7 +215,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     pub(super) fn load_terminal_cost(&mut self, problem: &OcpQp<NX, NU>) {
         self.factorised = Factorised::Stale;
         let terminal = problem.terminal();
-        self.p = scaled(&terminal.p.data.0, 1.0 / self.cost_unit);
+        scale(&mut self.p, &terminal.p.data.0, 1.0 / self.cost_unit);
         self.pv = (terminal.p_linear / self.cost_unit).into();
     }
 
@@ -220,9 +226,9 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         to.b = stage.b.data.0;
         to.c = stage.c.into();
         let factor = 1.0 / self.cost_unit;
-        to.q = scaled(&stage.q.data.0, factor);
-        to.s = scaled(&stage.s.data.0, factor);
-        to.r = scaled(&stage.r.data.0, factor);
+        scale(&mut to.q, &stage.q.data.0, factor);
+        scale(&mut to.s, &stage.s.data.0, factor);
+        scale(&mut to.r, &stage.r.data.0, factor);
         to.qv = (stage.q_linear * factor).into();
         to.rv = (stage.r_linear * factor).into();
         for i in 0..NX {

@@ -18,6 +18,7 @@ mod interior;
 mod kernel;
 mod load;
 mod newton;
+mod parts;
 mod passes;
 mod penalty;
 mod read;

@@ -59,17 +59,18 @@ impl<const NX: usize, const NU: usize> Phase for Factorise<'_, NX, NU> {
         });
         newton.values[newton.n] = value;
         newton.factorised = Factorised::of(with_cone);
-        for k in (changed..newton.n).rev() {
-            let (gx, gu) = newton.cost_gradient(lanes, k);
-            newton.gradient[k] = (gx, gu);
-            newton.backward_stage(lanes, k, gx, gu, &mut costate);
-        }
-        value = newton.values[changed];
-        for k in (0..changed).rev() {
-            let (gx, gu) = newton.cost_gradient(lanes, k);
-            newton.gradient[k] = (gx, gu);
-            newton.eliminate_stage(lanes, k, &mut value);
-            newton.backward_stage(lanes, k, gx, gu, &mut costate);
+        let (data, recursion) = newton.parts();
+        let n = recursion.gains.len();
+        for k in (0..n).rev() {
+            let gradient = data.cost_gradient(lanes, k);
+            recursion.gradient[k] = gradient;
+            if k < changed {
+                let (before, after) = recursion.values.split_at_mut(k + 1);
+                let found = (&mut before[k], &mut recursion.gains[k]);
+                data.eliminate(lanes, k, &after[0], found);
+            }
+            recursion.feedforward[k] =
+                data.backward(lanes, k, gradient, &recursion.gains[k], &mut costate);
         }
     }
 }
@@ -91,8 +92,9 @@ impl<const NX: usize, const NU: usize> Phase for Backward<'_, NX, NU> {
         if self.target_mu.is_none() {
             let x = *newton.x(newton.n);
             newton.terminal_gradient = add_product(lanes, &newton.p, &x, &newton.pv);
-            for k in 0..newton.n {
-                newton.gradient[k] = newton.cost_gradient(lanes, k);
+            let (data, recursion) = newton.parts();
+            for (k, gradient) in recursion.gradient.iter_mut().enumerate() {
+                *gradient = data.cost_gradient(lanes, k);
             }
         }
         for channel in newton.channels() {
@@ -104,9 +106,10 @@ impl<const NX: usize, const NU: usize> Phase for Backward<'_, NX, NU> {
         if let Some(cone) = &mut newton.cone {
             cone.correct(lanes, self.target_mu, &mut costate.0);
         }
-        for k in (0..newton.n).rev() {
-            let (gx, gu) = newton.gradient[k];
-            newton.backward_stage(lanes, k, gx, gu, &mut costate);
+        let (data, recursion) = newton.parts();
+        for k in (0..recursion.gains.len()).rev() {
+            let (gradient, gain) = (recursion.gradient[k], &recursion.gains[k]);
+            recursion.feedforward[k] = data.backward(lanes, k, gradient, gain, &mut costate);
         }
     }
 }

@@ -1,9 +1,10 @@
 //! The passes around the iterations: starting solve, active-set sweeps, costates, Farkas ray.
 
 use super::active::Verdict;
-use super::clipping::Cuts;
+use super::clipping::{Cuts, Limits};
 use super::kernel::{Lanes, Phase, add_product, dot, larger};
-use super::newton::{Factorised, Newton, at, at_mut};
+use super::newton::{Factorised, Newton, at};
+use super::parts::by_stage_mut;
 use super::riccati::{backward, forward};
 
 /// Turns the multipliers into a Farkas ray: costates by the plain adjoint recursion, what is left in an input absorbed by the
@@ -35,7 +36,7 @@ impl<const NX: usize, const NU: usize> Phase for Ray<'_, NX, NU> {
         for k in (0..newton.n).rev() {
             self.costates[k] = costate.into();
             let (mut gx, mut gu) = ([0.0; NX], [0.0; NU]);
-            newton.forces(lanes, k, &mut gx, &mut gu);
+            newton.parts().0.forces(lanes, k, &mut gx, &mut gu);
             let pull = add_product(lanes, &newton.stages[k].bt, &costate, &gu);
             for i in 0..NU {
                 let index = k * NU + i;
@@ -83,9 +84,11 @@ impl<const NX: usize, const NU: usize> Phase for Resolve<'_, NX, NU> {
         if let Some(cone) = &mut newton.cone {
             cone.hold(lanes, &x, 0.0, None, &mut costate.0);
         }
-        for k in (0..newton.n).rev() {
-            let (gx, gu) = newton.cost_gradient(lanes, k);
-            newton.backward_stage(lanes, k, gx, gu, &mut costate);
+        let (data, recursion) = newton.parts();
+        for k in (0..recursion.gains.len()).rev() {
+            let gradient = data.cost_gradient(lanes, k);
+            recursion.feedforward[k] =
+                data.backward(lanes, k, gradient, &recursion.gains[k], &mut costate);
         }
     }
 }
@@ -148,17 +151,15 @@ impl<const NX: usize, const NU: usize> Phase for Costates<'_, NX, NU> {
                 *sum += force;
             }
         }
-        for k in (0..newton.n).rev() {
+        let (data, recursion) = newton.parts();
+        let n = recursion.gains.len();
+        let mut next = [0.0; NU];
+        for k in (0..n).rev() {
             self.costates[k] = costate.0.into();
-            let (mut gx, mut gu) = newton.cost_gradient(lanes, k);
-            newton.forces(lanes, k, &mut gx, &mut gu);
-            let gr: &[f64; NU] = at(&newton.rates.force, k);
-            let next: [f64; NU] = if k + 1 < newton.n {
-                *at(&newton.rates.force, k + 1)
-            } else {
-                [0.0; NU]
-            };
-            let pull = add_product(lanes, &newton.stages[k].bt, &costate.0, &[0.0; NU]);
+            let (mut gx, mut gu) = data.cost_gradient(lanes, k);
+            data.forces(lanes, k, &mut gx, &mut gu);
+            let (stage, gr) = (data.stage(k), data.rate_force(k));
+            let pull = add_product(lanes, &stage.bt, &costate.0, &[0.0; NU]);
             for i in 0..NU {
                 residual = larger(residual, (gu[i] + gr[i] - next[i] + pull[i]).abs());
                 scale = larger(
@@ -166,11 +167,13 @@ impl<const NX: usize, const NU: usize> Phase for Costates<'_, NX, NU> {
                     larger(gu[i].abs(), larger(pull[i].abs(), gr[i].abs())),
                 );
             }
+            next = *gr;
             if self.feedback {
-                let (stage, gain) = (&newton.stages[k], &newton.gains[k]);
-                newton.feedforward[k] = backward(lanes, stage, gain, (&gx, &gu, gr), &mut costate);
+                let gain = &recursion.gains[k];
+                recursion.feedforward[k] =
+                    backward(lanes, stage, gain, (&gx, &gu, gr), &mut costate);
             } else {
-                costate.0 = add_product(lanes, &newton.stages[k].at, &costate.0, &gx);
+                costate.0 = add_product(lanes, &stage.at, &costate.0, &gx);
             }
         }
         (residual, scale)
@@ -196,44 +199,47 @@ impl<const NX: usize, const NU: usize> Phase for SolveAbsolute<'_, NX, NU> {
         let newton = self.newton;
         let mut costate = ([0.0; NX], [0.0; NU]);
         newton.terminal_gradient = newton.pv;
-        let mut value = newton.terminal_value(lanes, &mut costate.0);
-        newton.values[newton.n] = value;
+        newton.values[newton.n] = newton.terminal_value(lanes, &mut costate.0);
         newton.factorised = Factorised::Plain;
         newton.stiff_end = false;
-        for k in (0..newton.n).rev() {
-            let stage = &newton.stages[k];
-            costate.0 = add_product(lanes, &value.xx, &stage.c, &costate.0);
+        let (data, recursion) = newton.parts();
+        let n = recursion.gains.len();
+        for k in (0..n).rev() {
+            let (before, after) = recursion.values.split_at_mut(k + 1);
+            let (stage, next) = (data.stage(k), &after[0]);
+            costate.0 = add_product(lanes, &next.xx, &stage.c, &costate.0);
             for i in 0..NU {
-                costate.1[i] += dot(lanes, &value.xp[i], &stage.c);
+                costate.1[i] += dot(lanes, &next.xp[i], &stage.c);
             }
-            let (gx, gu) = (stage.qv, stage.rv);
-            newton.eliminate_stage(lanes, k, &mut value);
-            newton.backward_stage(lanes, k, gx, gu, &mut costate);
+            let gain = &mut recursion.gains[k];
+            data.eliminate(lanes, k, next, (&mut before[k], gain));
+            let gradient = (stage.qv, stage.rv);
+            recursion.feedforward[k] = data.backward(lanes, k, gradient, gain, &mut costate);
         }
         let (mut x, mut p) = (newton.x0, newton.u_last);
         let mut cuts = Cuts::default();
-        for k in 0..newton.n {
+        let mut limits = Limits {
+            inputs: &mut newton.inputs.sides,
+            rates: &mut newton.rates.sides,
+        };
+        let steps = newton.stages[..n].iter().zip(&newton.gains[..n]);
+        let values = by_stage_mut::<NX>(&mut newton.states.v, n)
+            .iter_mut()
+            .zip(by_stage_mut::<NU>(&mut newton.inputs.v, n))
+            .zip(by_stage_mut::<NU>(&mut newton.rates.v, n));
+        let all = steps.zip(&newton.feedforward[..n]).zip(values);
+        for (k, (((stage, gain), feedforward), values)) in all.enumerate() {
             let before = x;
-            let stage = &newton.stages[k];
-            let mut u = forward(
-                lanes,
-                stage,
-                &newton.gains[k],
-                &newton.feedforward[k],
-                &mut x,
-                &p,
-            );
-            if self.clipped && newton.clip(k, &mut u, &p, Some(&mut cuts)) {
-                let stage = &newton.stages[k];
+            let mut u = forward(lanes, stage, gain, feedforward, &mut x, &p);
+            if self.clipped && limits.clip(k, &mut u, &p, gain, Some(&mut cuts)) {
                 let free = add_product(lanes, &stage.a, &before, &[0.0; NX]);
                 x = add_product(lanes, &stage.b, &u, &free);
             }
             for i in 0..NX {
-                x[i] += newton.stages[k].c[i];
+                x[i] += stage.c[i];
             }
-            *at_mut(&mut newton.states.v, k) = x;
-            *at_mut(&mut newton.inputs.v, k) = u;
-            let rate: &mut [f64; NU] = at_mut(&mut newton.rates.v, k);
+            let ((state, input), rate) = values;
+            (*state, *input) = (x, u);
             for i in 0..NU {
                 rate[i] = u[i] - p[i];
             }

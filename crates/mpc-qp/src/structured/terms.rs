@@ -1,9 +1,11 @@
-//! What constraints and cost add to a stage: values and their steps, gradients, weights; and a stage's step in the recursion.
+//! What constraints and cost add at the end of the horizon, and the forward pass: values of states and inputs, of rates and rows.
 
-use super::elimination::{Curvature, Value, eliminate};
+use super::clipping::Limits;
+use super::elimination::Value;
 use super::kernel::{Lanes, add_product, dot};
-use super::newton::{Newton, RowData, at, at_mut};
-use super::riccati::{backward, forward};
+use super::newton::{Newton, at};
+use super::parts::{by_stage, by_stage_mut};
+use super::riccati::forward;
 
 impl<const NX: usize, const NU: usize> Newton<NX, NU> {
     /// Rates, rows and terminal values from states and inputs; `step` does the same for their steps.
@@ -53,32 +55,6 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         }
     }
 
-    /// Force of state bounds, and of stage rows on the state and input at k.
-    #[inline(always)]
-    pub(super) fn forces<L: Lanes>(
-        &self,
-        lanes: L,
-        k: usize,
-        gx: &mut [f64; NX],
-        gu: &mut [f64; NU],
-    ) {
-        let input: &[f64; NU] = at(&self.inputs.force, k);
-        for i in 0..NU {
-            gu[i] += input[i];
-        }
-        if k > 0 && self.states.any() {
-            let state: &[f64; NX] = at(&self.states.force, k - 1);
-            for i in 0..NX {
-                gx[i] += state[i];
-            }
-        }
-        for i in self.row_start[k]..self.row_start[k + 1] {
-            let force = [self.rows.force[i / 4][i % 4]];
-            *gx = add_product(lanes, &[self.row_data[i].gx], &force, gx);
-            *gu = add_product(lanes, &[self.row_data[i].hu], &force, gu);
-        }
-    }
-
     /// Gradient at x_N: cost, bounds, faces; the cone is added by its owner.
     #[inline(always)]
     pub(super) fn terminal_force<L: Lanes>(&self, lanes: L) -> [f64; NX] {
@@ -122,61 +98,45 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         value
     }
 
-    /// Cost gradient at stage k.
-    #[inline(always)]
-    pub(super) fn cost_gradient<L: Lanes>(&self, lanes: L, k: usize) -> ([f64; NX], [f64; NU]) {
-        let stage = &self.stages[k];
-        let (x, u) = (self.x(k), self.u(k));
-        let gx = add_product(
-            lanes,
-            &stage.s,
-            u,
-            &add_product(lanes, &stage.q, x, &stage.qv),
-        );
-        let mut gu = add_product(lanes, &stage.r, u, &stage.rv);
-        for i in 0..NU {
-            gu[i] += dot(lanes, &stage.s[i], x);
-        }
-        (gx, gu)
-    }
-
     /// Forward pass: the steps of all values. With `clipped` the feedback of the inputs that the active-set guess leaves free is cut off
     /// at their limits; true if any was.
     #[inline(always)]
     pub(super) fn roll<L: Lanes>(&mut self, lanes: L, clipped: bool) -> bool {
+        let n = self.n;
+        let stages = self.stages[..n].iter().zip(&self.gains[..n]);
+        let mut limits = Limits {
+            inputs: &mut self.inputs.sides,
+            rates: &mut self.rates.sides,
+        };
+        let u = by_stage::<NU>(&self.inputs.v, n);
+        let steps = by_stage_mut::<NX>(&mut self.states.dv, n)
+            .iter_mut()
+            .zip(by_stage_mut::<NU>(&mut self.inputs.dv, n))
+            .zip(by_stage_mut::<NU>(&mut self.rates.dv, n));
         let mut cut = false;
-        let mut dx = [0.0; NX];
-        let mut dp = [0.0; NU];
-        for k in 0..self.n {
+        let (mut dx, mut dp, mut last) = ([0.0; NX], [0.0; NU], &self.u_last);
+        let all = stages.zip(&self.feedforward[..n]).zip(steps).zip(u);
+        for (k, ((((stage, gain), feedforward), steps), u)) in all.enumerate() {
             let before = dx;
-            let mut du = forward(
-                lanes,
-                &self.stages[k],
-                &self.gains[k],
-                &self.feedforward[k],
-                &mut dx,
-                &dp,
-            );
+            let mut du = forward(lanes, stage, gain, feedforward, &mut dx, &dp);
             if clipped {
-                let last = if k == 0 { self.u_last } else { *self.u(k - 1) };
-                let (mut u, mut p) = (*self.u(k), dp);
+                let (mut to, mut from) = (*u, dp);
                 for i in 0..NU {
-                    u[i] += du[i];
-                    p[i] += last[i];
+                    to[i] += du[i];
+                    from[i] += last[i];
                 }
-                if self.clip(k, &mut u, &p, None) {
+                if limits.clip(k, &mut to, &from, gain, None) {
                     cut = true;
                     for i in 0..NU {
-                        du[i] = u[i] - self.u(k)[i];
+                        du[i] = to[i] - u[i];
                     }
-                    let stage = &self.stages[k];
                     let free = add_product(lanes, &stage.a, &before, &[0.0; NX]);
                     dx = add_product(lanes, &stage.b, &du, &free);
                 }
+                last = u;
             }
-            *at_mut(&mut self.states.dv, k) = dx;
-            *at_mut(&mut self.inputs.dv, k) = du;
-            let rate: &mut [f64; NU] = at_mut(&mut self.rates.dv, k);
+            let ((state, input), rate) = steps;
+            (*state, *input) = (dx, du);
             for i in 0..NU {
                 rate[i] = du[i] - dp[i];
             }
@@ -184,78 +144,5 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         }
         self.spread(lanes, true);
         cut
-    }
-
-    #[inline(always)]
-    pub(super) fn eliminate_stage<L: Lanes>(
-        &mut self,
-        lanes: L,
-        k: usize,
-        value: &mut Value<NX, NU>,
-    ) {
-        let stage = &self.stages[k];
-        let (u_weight, rate_weight) = (*at(&self.inputs.weight, k), *at(&self.rates.weight, k));
-        let (first, last) = (self.row_start[k], self.row_start[k + 1]);
-        let weights_on_states = self.weighs_states() || self.stiff_end;
-        if first == last {
-            let cost = Curvature {
-                q: &stage.q,
-                s: &stage.s,
-                r: &stage.r,
-                u_weight,
-                rate_weight,
-                closed_loop: weights_on_states,
-            };
-            eliminate(lanes, stage, &cost, value, &mut self.gains[k]);
-        } else {
-            let (mut q, mut s, mut r) = (stage.q, stage.s, stage.r);
-            for i in first..last {
-                let RowData { gx, hu } = self.row_data[i];
-                let weight = self.rows.weight[i / 4][i % 4];
-                for j in 0..NX {
-                    q[j] = add_product(lanes, &[gx], &[weight * gx[j]], &q[j]);
-                }
-                for j in 0..NU {
-                    s[j] = add_product(lanes, &[gx], &[weight * hu[j]], &s[j]);
-                    r[j] = add_product(lanes, &[hu], &[weight * hu[j]], &r[j]);
-                }
-            }
-            let cost = Curvature {
-                q: &q,
-                s: &s,
-                r: &r,
-                u_weight,
-                rate_weight,
-                closed_loop: weights_on_states,
-            };
-            eliminate(lanes, stage, &cost, value, &mut self.gains[k]);
-        }
-        if k > 0 && self.states.any() {
-            let weight: &[f64; NX] = at(&self.states.weight, k - 1);
-            for i in 0..NX {
-                value.xx[i][i] += weight[i];
-            }
-        }
-        self.values[k] = *value;
-    }
-
-    #[inline(always)]
-    pub(super) fn backward_stage<L: Lanes>(
-        &mut self,
-        lanes: L,
-        k: usize,
-        mut gx: [f64; NX],
-        mut gu: [f64; NU],
-        costate: &mut ([f64; NX], [f64; NU]),
-    ) {
-        self.forces(lanes, k, &mut gx, &mut gu);
-        let gr: &[f64; NU] = at(&self.rates.force, k);
-        self.feedforward[k] = backward(
-            lanes,
-            &self.stages[k],
-            &self.gains[k],
-            (&gx, &gu, gr),
-            costate,
-        );
     }
 }
