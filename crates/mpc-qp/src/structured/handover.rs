@@ -3,6 +3,7 @@
 use super::active::{BEYOND, HELD, OUTSIDE};
 use super::bounds::Lane;
 use super::channel::{Channel, SIGN};
+use super::kernel::larger;
 use super::soft::{self, Price};
 
 /// Distance of the two bounds, or the size of the only one.
@@ -119,13 +120,14 @@ impl Channel {
         self.weight.fill([0.0; 4]);
         self.force.fill([0.0; 4]);
         let [lower, upper] = &self.sides;
-        for (l, (low, high)) in lower.iter().zip(upper).enumerate() {
-            for i in 0..4 {
-                if low.on[i] * high.on[i] != 0.0 {
+        let terms = self.weight.iter_mut().zip(&mut self.force);
+        if rho > 0.0 && self.used == [true; 2] {
+            for ((weight, force), (low, high)) in terms.zip(lower.iter().zip(upper)) {
+                for i in 0..4 {
                     let width = high.bound[i] + low.bound[i];
-                    let weight = rho / (width * width).max(1e-16);
-                    self.weight[l][i] = weight;
-                    self.force[l][i] = -0.5 * weight * (high.bound[i] - low.bound[i]);
+                    let both = rho * low.on[i] * high.on[i];
+                    weight[i] = both / larger(width * width, 1e-16);
+                    force[i] = -0.5 * weight[i] * (high.bound[i] - low.bound[i]);
                 }
             }
         }
@@ -149,14 +151,14 @@ impl Channel {
             };
             for ((lane, opposite), v) in near.iter_mut().zip(far).zip(&self.v) {
                 for i in 0..4 {
-                    if lane.on[i] == 0.0 {
-                        (lane.s[i], lane.z[i], lane.r[i]) = (1.0, 1.0, 0.0);
-                        continue;
-                    }
                     let slack = lane.bound[i] - SIGN[side] * v[i];
-                    lane.s[i] = slack.max(least * width(lane, opposite, i)).max(1e-8);
-                    lane.z[i] = mu / lane.s[i];
-                    lane.r[i] = lane.s[i] - slack;
+                    let room = larger(least * width(lane, opposite, i), 1e-8);
+                    let s = larger(slack, room);
+                    // An absent bound keeps s = z = 1.
+                    let on = lane.on[i] != 0.0;
+                    lane.s[i] = if on { s } else { 1.0 };
+                    lane.z[i] = if on { mu / s } else { 1.0 };
+                    lane.r[i] = if on { s - slack } else { 0.0 };
                 }
             }
             if self.price != Price::Hard {

@@ -113,12 +113,8 @@ impl<const NX: usize, const NU: usize> Data<'_, NX, NU> {
         let stage = &self.stages[k];
         let x = if k == 0 { self.x0 } else { &self.x[k - 1] };
         let u = &self.u[k];
-        let gx = add_product(
-            lanes,
-            &stage.s,
-            u,
-            &add_product(lanes, &stage.q, x, &stage.qv),
-        );
+        let gx = add_product(lanes, &stage.q, x, &stage.qv);
+        let gx = add_product(lanes, &stage.s, u, &gx);
         let mut gu = add_product(lanes, &stage.r, u, &stage.rv);
         for i in 0..NU {
             gu[i] += dot(lanes, &stage.s[i], x);
