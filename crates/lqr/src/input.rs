@@ -77,20 +77,19 @@ pub(crate) fn matrix(
             found,
         });
     }
+    let a = a.to_owned();
     for col in 0..found.1 {
-        for row in 0..found.0 {
-            let value = a[(row, col)];
-            if !value.is_finite() {
-                return Err(InputError::NotFinite {
-                    name,
-                    row,
-                    col,
-                    value,
-                });
-            }
+        let column = a.col_as_slice(col);
+        if let Some(row) = column.iter().position(|x| !x.is_finite()) {
+            return Err(InputError::NotFinite {
+                name,
+                row,
+                col,
+                value: column[row],
+            });
         }
     }
-    Ok(a.to_owned())
+    Ok(a)
 }
 
 /// A number that is neither NaN nor negative; infinity passes.
@@ -141,7 +140,9 @@ pub(crate) fn symmetric(
             tolerance,
         });
     }
-    dense::symmetrise(&mut a);
+    if difference > 0.0 {
+        dense::symmetrise(&mut a);
+    }
     Ok(a)
 }
 

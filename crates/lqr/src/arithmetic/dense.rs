@@ -244,8 +244,13 @@ pub(crate) fn identity(n: usize) -> Mat<f64> {
 /// `a + s b`.
 pub(crate) fn add_scaled(a: &Mat<f64>, s: f64, b: &Mat<f64>) -> Mat<f64> {
     let mut c = a.clone();
-    for j in 0..c.ncols() {
-        axpy(c.col_as_slice_mut(j), s, b.col_as_slice(j));
-    }
+    accumulate(&mut c, s, b);
     c
+}
+
+/// `a += s b`.
+pub(crate) fn accumulate(a: &mut Mat<f64>, s: f64, b: &Mat<f64>) {
+    for j in 0..a.ncols() {
+        axpy(a.col_as_slice_mut(j), s, b.col_as_slice(j));
+    }
 }

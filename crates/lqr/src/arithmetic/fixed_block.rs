@@ -1,4 +1,6 @@
 //! Matrices of a size known to the compiler: products, an inverse, a Cholesky solution. No allocation, no dispatch.
+//!
+//! What [`widest`](crate::arithmetic::fixed_size::widest) kernels call is always inlined, so that it is compiled with them.
 
 use faer::Mat;
 
@@ -27,23 +29,22 @@ impl<const R: usize, const C: usize> Block<R, C> {
         a
     }
 
-    #[inline]
+    #[inline(always)]
     pub(crate) fn mul<const D: usize>(&self, b: &Block<C, D>) -> Block<R, D> {
         let mut c = Block::ZERO;
-        for j in 0..D {
-            let mut column = [0.0; R];
-            for k in 0..C {
-                let s = b.0[j][k];
+        for (column, weights) in c.0.iter_mut().zip(&b.0) {
+            let mut sum = [0.0; R];
+            for (a, s) in self.0.iter().zip(weights) {
                 for i in 0..R {
-                    column[i] += self.0[k][i] * s;
+                    sum[i] += a[i] * s;
                 }
             }
-            c.0[j] = column;
+            *column = sum;
         }
         c
     }
 
-    #[inline]
+    #[inline(always)]
     pub(crate) fn transposed(&self) -> Block<C, R> {
         let mut t = Block::ZERO;
         for j in 0..C {
@@ -55,7 +56,7 @@ impl<const R: usize, const C: usize> Block<R, C> {
     }
 
     /// `self + s b`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn plus(&self, s: f64, b: &Self) -> Self {
         let mut c = *self;
         for j in 0..C {
@@ -67,6 +68,7 @@ impl<const R: usize, const C: usize> Block<R, C> {
     }
 
     /// Frobenius norm, without protection against overflow: infinite then, and the caller gives up.
+    #[inline(always)]
     pub(crate) fn norm(&self) -> f64 {
         let mut sum = [0.0; R];
         for column in &self.0 {
@@ -79,6 +81,7 @@ impl<const R: usize, const C: usize> Block<R, C> {
 }
 
 impl<const N: usize> Block<N, N> {
+    #[inline(always)]
     pub(crate) fn identity() -> Self {
         let mut eye = Self::ZERO;
         for i in 0..N {
@@ -87,6 +90,7 @@ impl<const N: usize> Block<N, N> {
         eye
     }
 
+    #[inline(always)]
     pub(crate) fn symmetric_part(mut self) -> Self {
         for j in 0..N {
             for i in 0..j {
@@ -99,12 +103,13 @@ impl<const N: usize> Block<N, N> {
     }
 
     /// `c' self c` for a symmetric `self`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn congruence<const D: usize>(&self, c: &Block<N, D>) -> Block<D, D> {
         c.transposed().mul(&self.mul(c)).symmetric_part()
     }
 
     /// Inverse by Gauss and Jordan's elimination with row pivots; `None` at a zero or infinite pivot.
+    #[inline(always)]
     pub(crate) fn inverse(mut self) -> Option<Self> {
         let mut swaps = [0; N];
         for k in 0..N {

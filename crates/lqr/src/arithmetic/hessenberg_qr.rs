@@ -16,22 +16,17 @@ struct Working {
     size: usize,
 }
 
-/// Eigenvalues of `scale` times the matrix with the given columns, its entries then of the order of one;
+/// Eigenvalues of `scale` times the upper left `size` rows and columns of `entries`, given by columns and then of the order of one;
 /// `None` where the iteration gives up.
-pub(crate) fn eigenvalues<'a>(
-    columns: impl ExactSizeIterator<Item = &'a [f64]>,
+pub(crate) fn eigenvalues(
+    mut entries: [[f64; MAX_SIZE]; MAX_SIZE],
+    size: usize,
     scale: f64,
 ) -> Option<Vec<c64>> {
-    let size = columns.len();
-    let mut working = Working {
-        entries: [[0.0; MAX_SIZE]; MAX_SIZE],
-        size,
-    };
-    for (target, column) in working.entries.iter_mut().zip(columns) {
-        for (x, y) in target.iter_mut().zip(column) {
-            *x = scale * y;
-        }
+    for x in entries[..size].as_flattened_mut() {
+        *x *= scale;
     }
+    let mut working = Working { entries, size };
     working.reduce();
     working.iterate()
 }
@@ -230,7 +225,11 @@ mod tests {
     use proptest::prelude::*;
 
     fn of(a: &Mat<f64>) -> Vec<c64> {
-        eigenvalues((0..a.ncols()).map(|j| a.col_as_slice(j)), 1.0).unwrap_or_default()
+        let mut entries = [[0.0; MAX_SIZE]; MAX_SIZE];
+        for (j, column) in entries[..a.ncols()].iter_mut().enumerate() {
+            column[..a.nrows()].copy_from_slice(a.col_as_slice(j));
+        }
+        eigenvalues(entries, a.nrows(), 1.0).unwrap_or_default()
     }
 
     /// Largest distance of an eigenvalue to the nearest one not yet taken.

@@ -7,7 +7,7 @@
 
 use crate::arithmetic::dense::{add_scaled, congruence, mul, norm};
 use crate::arithmetic::fixed_size::{by_states, power_sum, smith_sum};
-use crate::arithmetic::hessenberg_qr;
+use crate::arithmetic::hessenberg_qr::{self, MAX_SIZE};
 use crate::arithmetic::scaling::level;
 use crate::input::{self, InputError};
 use faer::{Mat, MatRef, c64};
@@ -50,10 +50,12 @@ pub(crate) fn eigenvalues(a: &Mat<f64>) -> Result<Vec<c64>, SpectrumError> {
     if !(norm(a) < 1e150) {
         return Err(failed());
     }
-    let a = &level(a);
     if let Some(values) = small_eigenvalues(a) {
         return Ok(values);
     }
+    let mut columns: Vec<Vec<f64>> = (0..a.ncols()).map(|j| a.col_as_slice(j).to_vec()).collect();
+    level(&mut columns);
+    let a = Mat::from_fn(a.nrows(), a.ncols(), |i, j| columns[j][i]);
     let values = a.eigenvalues().map_err(|_| failed())?;
     if values.iter().all(|z| z.re.is_finite() && z.im.is_finite()) {
         Ok(values)
@@ -64,12 +66,18 @@ pub(crate) fn eigenvalues(a: &Mat<f64>) -> Result<Vec<c64>, SpectrumError> {
 
 /// By the small QR iteration, on the matrix scaled to norm one; `None` where it does not apply or gives up.
 fn small_eigenvalues(a: &Mat<f64>) -> Option<Vec<c64>> {
-    let (n, size) = (a.nrows(), norm(a));
-    if n > hessenberg_qr::MAX_SIZE || !size.is_normal() {
+    let n = a.nrows();
+    let mut columns = [[0.0; MAX_SIZE]; MAX_SIZE];
+    for (j, column) in columns.get_mut(..n)?.iter_mut().enumerate() {
+        column[..n].copy_from_slice(a.col_as_slice(j));
+    }
+    level(&mut columns[..n]);
+    let square: f64 = columns.as_flattened().iter().map(|x| x * x).sum();
+    if !square.is_normal() {
         return None;
     }
-    let columns = (0..n).map(|j| a.col_as_slice(j));
-    let mut values = hessenberg_qr::eigenvalues(columns, 1.0 / size)?;
+    let size = square.sqrt();
+    let mut values = hessenberg_qr::eigenvalues(columns, n, 1.0 / size)?;
     for value in &mut values {
         *value *= size;
     }

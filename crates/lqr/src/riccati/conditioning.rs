@@ -64,13 +64,16 @@ impl Conditioning {
     }
 }
 
-/// Condition number in the one-norm.
+/// Condition number in the one-norm; infinite where `p` has no Cholesky factor, zero included.
 pub(crate) fn condition(p: &Mat<f64>) -> f64 {
-    if let Some(inverse) = by_states!(p.nrows(), inverse_norm_one(p)) {
-        return norm_one(p) * inverse;
-    }
-    match cholesky(p) {
-        Some(l) => norm_one(p) * norm_one(&cholesky_solve(&l, identity(p.nrows()))),
-        None => f64::INFINITY,
+    let inverse = by_states!(p.nrows(), inverse_norm_one(p)).unwrap_or_else(|| {
+        cholesky(p).map_or(f64::INFINITY, |l| {
+            norm_one(&cholesky_solve(&l, identity(p.nrows())))
+        })
+    });
+    if inverse.is_finite() {
+        norm_one(p) * inverse
+    } else {
+        f64::INFINITY
     }
 }

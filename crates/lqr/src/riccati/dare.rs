@@ -6,6 +6,7 @@
 //! from below (`proved_measure`). The explicit test runs where that bound is too weak, or where no
 //! candidate was good, to name the mode that is to blame.
 
+use crate::arithmetic::dense::norm;
 use crate::input::InputError;
 use crate::riccati::balance::Balanced;
 use crate::riccati::dare_error::DareError;
@@ -55,10 +56,11 @@ impl<'a> Dare<'a> {
     /// See [`DareError`]; each names what is wrong with the data.
     pub fn solve(&self) -> Result<DareSolution, DareError> {
         let problem = self.validated()?;
-        let balanced = Balanced::of(&problem);
-        let found = verdict::in_doubles(&problem, &balanced);
+        let weight = norm(&problem.q);
+        let balanced = Balanced::of(problem);
+        let found = verdict::in_doubles(&balanced, weight);
         if verdict::calls_for_more_digits(&found) {
-            return verdict::in_extended_precision(&problem, &balanced, found);
+            return verdict::in_extended_precision(&self.problem()?, &balanced, found);
         }
         found
     }

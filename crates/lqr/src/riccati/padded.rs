@@ -5,8 +5,10 @@
 //! problems take the same formulas over faer's matrices, in the modules that call these.
 
 use crate::arithmetic::fixed_block::Block;
+use crate::arithmetic::fixed_size::widest;
 use crate::riccati::problem::Problem;
 use faer::Mat;
+use pulp::NullaryFnOnce;
 
 /// As `by_states`, generic in states and inputs; `None` for more than 12 or 4.
 macro_rules! by_states_and_inputs {
@@ -33,8 +35,12 @@ pub(crate) fn doubling<const N: usize>(
     max_doublings: usize,
 ) -> Option<(Mat<f64>, usize)> {
     let states = a.nrows();
-    let blocks = (Block::padded(a), Block::padded(g), Block::padded(h));
-    let (limit, count) = doubled::<N>(blocks, max_doublings)?;
+    let (limit, count) = widest(Doubling::<N> {
+        a: Block::padded(a),
+        g: Block::padded(g),
+        h: Block::padded(h),
+        max_doublings,
+    })?;
     Some((limit.corner(states, states), count))
 }
 
@@ -56,35 +62,51 @@ pub(crate) fn problem_doubling<const N: usize, const M: usize>(
         a = a.plus(-1.0, &b.mul(&solved));
         h = h.plus(-1.0, &s.mul(&solved)).symmetric_part();
     }
-    let (limit, count) = doubled((a, g, h), max_doublings)?;
+    let (limit, count) = widest(Doubling {
+        a,
+        g,
+        h,
+        max_doublings,
+    })?;
     Some((limit.corner(states, states), count))
 }
 
-fn doubled<const N: usize>(
-    (mut a, mut g, mut h): (Block<N, N>, Block<N, N>, Block<N, N>),
+/// Doubling from (A, G, H) until H settles; then H and the number of doublings.
+struct Doubling<const N: usize> {
+    a: Block<N, N>,
+    g: Block<N, N>,
+    h: Block<N, N>,
     max_doublings: usize,
-) -> Option<(Block<N, N>, usize)> {
-    for count in 1..=max_doublings {
-        let inverse = Block::identity().plus(1.0, &g.mul(&h)).inverse()?;
-        let (wa, transposed) = (inverse.mul(&a), a.transposed());
-        let growth = transposed.mul(&h.mul(&wa)).symmetric_part();
-        h = h.plus(1.0, &growth);
-        let size = h.norm();
-        if !size.is_finite() {
-            return None;
+}
+
+impl<const N: usize> NullaryFnOnce for Doubling<N> {
+    type Output = Option<(Block<N, N>, usize)>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        let (mut a, mut g, mut h) = (self.a, self.g, self.h);
+        for count in 1..=self.max_doublings {
+            let inverse = Block::identity().plus(1.0, &g.mul(&h)).inverse()?;
+            let (wa, transposed) = (inverse.mul(&a), a.transposed());
+            let growth = transposed.mul(&h.mul(&wa)).symmetric_part();
+            h = h.plus(1.0, &growth);
+            let size = h.norm();
+            if !size.is_finite() {
+                return None;
+            }
+            // The next A is A W^-1 A, and the next growth at most |A|^2 |H|: below 1e-18 of H it cannot matter.
+            if growth.norm() <= 1e-15 * size || a.norm() * wa.norm() < 1e-9 {
+                return Some((h, count));
+            }
+            let reach = a.mul(&inverse.mul(&g)).mul(&transposed).symmetric_part();
+            g = g.plus(1.0, &reach);
+            a = a.mul(&wa);
+            if !g.norm().is_finite() {
+                return None;
+            }
         }
-        // The next A is A W^-1 A, and the next growth at most |A|^2 |H|: below 1e-18 of H it cannot matter.
-        if growth.norm() <= 1e-15 * size || a.norm() * wa.norm() < 1e-9 {
-            return Some((h, count));
-        }
-        let reach = a.mul(&inverse.mul(&g)).mul(&transposed).symmetric_part();
-        g = g.plus(1.0, &reach);
-        a = a.mul(&wa);
-        if !g.norm().is_finite() {
-            return None;
-        }
+        None
     }
-    None
 }
 
 /// Gain, closed loop and cost before the stage for the cost-to-go P: one backward step in Joseph form.

@@ -7,7 +7,7 @@
 
 use crate::arithmetic::definiteness::indefinite_weight;
 use crate::arithmetic::dense::{
-    add_scaled, cholesky, cholesky_solve, congruence, mul, norm, symmetrise, tr_mul,
+    accumulate, add_scaled, cholesky, cholesky_solve, congruence, mul, norm, symmetrise, tr_mul,
 };
 use crate::input::{self, InputError};
 use crate::riccati::doubling::StageMap;
@@ -130,7 +130,8 @@ impl Problem {
 
     pub(crate) fn evaluate(&self, p: Mat<f64>) -> Option<Candidate> {
         let step = self.backward(&p)?;
-        let residual = add_scaled(&step.before, -1.0, &p);
+        let mut residual = step.before;
+        accumulate(&mut residual, -1.0, &p);
         let scale = norm(&p).max(norm(&self.q));
         let size = norm(&residual);
         let relative_residual = if size == 0.0 { 0.0 } else { size / scale };

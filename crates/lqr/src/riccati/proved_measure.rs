@@ -1,18 +1,20 @@
 //! A lower bound on the Hautus measure over all |lambda| >= 1, proved by a stable closed loop A_K = A + BK.
 //!
 //! A_K - lambda I = [A - lambda I, B][I; K], so the measure is at least 1 / (|[I; K]| |(A_K - lambda I)^-1|). The resolvent is bounded
-//! twice: by the sum of |A_K^j|, and by 2|X| with X = A_K'XA_K + I. The latter, in the norm of X: v = (A_K - lambda I)x gives
-//! |x| <= |A_K x| + |v|, and |A_K x|^2 = |x|^2 - x'x. Squaring bounds the sum only by the product of 1 + |A_K^(2^j)|, which compounds a
-//! transient of t at every power (2.8e5 for a sum of 279 at eight states); |X| grows as t^2 once, so it takes over where that is too weak.
+//! by 2|P| / mu where P - A_K'PA_K >= mu I. In the norm of P: v = (A_K - lambda I)x gives |x| <= |A_K x| + |v|, and
+//! |A_K x|^2 <= |x|^2 - mu x'x. One factorisation says whether that is enough; a weight that does not see every state, mu = 0, asks for
+//! another P: the sum of |A_K^j| bounds the resolvent too, and so does 2|X| with X = A_K'XA_K + I. Squaring bounds the sum only by the product of
+//! 1 + |A_K^(2^j)|, which compounds a transient of t at every power (2.8e5 for a sum of 279 at eight states); |X| grows as t^2 once.
 
-use crate::arithmetic::dense::{identity, norm};
+use crate::arithmetic::dense::{add_scaled, cholesky, congruence, identity, norm};
+use crate::arithmetic::fixed_size::{by_states, decreases};
 use crate::modes::spectrum::{lyapunov_sum, sum_of_powers};
 use crate::riccati::problem::{Candidate, Problem};
 
 /// A Hautus measure below this is worth a warning, and a bound below it worth the explicit test.
 pub(crate) const WEAK: f64 = 1e-6;
 
-/// The larger of the two bounds; the second is computed only where the first does not settle the matter.
+/// The first of the bounds that settles the matter, else the larger of the last two.
 pub(crate) fn proved_measure(problem: &Problem, candidate: &Candidate) -> f64 {
     let scale = 1.0 + norm(&problem.a);
     // B was scaled by column in the measure, so the rows of K scale inversely.
@@ -25,6 +27,9 @@ pub(crate) fn proved_measure(problem: &Problem, candidate: &Candidate) -> f64 {
         gain_square += row * column / (scale * scale);
     }
     let factor = gain_square.sqrt() * scale;
+    if falls_by(candidate, 2.0 * WEAK * factor * norm(&candidate.p)) {
+        return WEAK;
+    }
     let by_powers = 1.0 / (factor * sum_of_powers(&candidate.closed_loop));
     if by_powers >= WEAK {
         return by_powers;
@@ -33,6 +38,15 @@ pub(crate) fn proved_measure(problem: &Problem, candidate: &Candidate) -> f64 {
         Some(x) => by_powers.max(0.5 / (factor * norm(&x))),
         None => by_powers,
     }
+}
+
+/// Whether P - A_K'PA_K - `least` I is positive definite.
+fn falls_by(candidate: &Candidate, least: f64) -> bool {
+    let (p, closed_loop) = (&candidate.p, &candidate.closed_loop);
+    by_states!(p.nrows(), decreases(p, closed_loop, least)).unwrap_or_else(|| {
+        let fall = add_scaled(p, -1.0, &congruence(closed_loop, p));
+        cholesky(&add_scaled(&fall, -least, &identity(p.nrows()))).is_some()
+    })
 }
 
 #[cfg(test)]

@@ -20,16 +20,13 @@ const NEARLY_DEPENDENT: f64 = 1e-10;
 /// Of a solution in extended precision: rounding P to doubles leaves eps |A_K|^2, and with a larger residual P says too little.
 const ACCEPTED_EXTENDED_RESIDUAL: f64 = 1e-4;
 
-/// The solution by ordinary arithmetic.
-pub(crate) fn in_doubles(
-    problem: &Problem,
-    balanced: &Balanced,
-) -> Result<DareSolution, DareError> {
+/// The solution by ordinary arithmetic; `weight` is |Q| in the caller's coordinates.
+pub(crate) fn in_doubles(balanced: &Balanced, weight: f64) -> Result<DareSolution, DareError> {
     let mut best: Option<Attempt> = None;
     for route in [Route::Doubling, Route::ShiftedDoubling, Route::Regularised] {
         for attempt in route.attempts(&balanced.problem) {
             if attempt.is_stabilising() {
-                return accept(problem, balanced, attempt);
+                return accept(balanced, weight, attempt);
             }
             if best
                 .as_ref()
@@ -45,7 +42,11 @@ pub(crate) fn in_doubles(
 /// Whether rounding, not the data, may be to blame for the outcome.
 pub(crate) fn calls_for_more_digits(found: &Result<DareSolution, DareError>) -> bool {
     match found {
-        Ok(solution) => solution.relative_residual > LOST_DIGITS || loses_its_sign(&solution.p),
+        Ok(solution) => {
+            // A finite condition is that of a P with a Cholesky factor.
+            let doubtful = !solution.condition.is_finite() && loses_its_sign(&solution.p);
+            solution.relative_residual > LOST_DIGITS || doubtful
+        }
         Err(error) => matches!(
             error,
             DareError::NoConvergence { .. }
@@ -91,7 +92,7 @@ pub(crate) fn in_extended_precision(
         }
         Extended::NotFound => return unless_negative(found),
     };
-    let p = balanced.restore(&p);
+    let p = balanced.restore(p);
     let Some(relative_residual) = extended_residual(problem, &p) else {
         return unless_negative(found);
     };
@@ -124,7 +125,7 @@ pub(crate) fn in_extended_precision(
     Ok(DareSolution {
         warning: Conditioning::of(spectral_radius, weakest_mode, condition, relative_residual),
         p,
-        k: balanced.restore_gain(&k),
+        k: balanced.restore_gain(k),
         spectral_radius,
         relative_residual,
         condition,
@@ -132,26 +133,20 @@ pub(crate) fn in_extended_precision(
     })
 }
 
-fn accept(
-    problem: &Problem,
-    balanced: &Balanced,
-    attempt: Attempt,
-) -> Result<DareSolution, DareError> {
+fn accept(balanced: &Balanced, weight: f64, attempt: Attempt) -> Result<DareSolution, DareError> {
     let Attempt {
         candidate,
         spectral_radius,
         iterations,
     } = attempt;
-    let (p, residual) = (
-        balanced.restore(&candidate.p),
-        balanced.restore(&candidate.residual),
-    );
+    let proved = proved_measure(&balanced.problem, &candidate);
     // The routes judge in balanced coordinates; what is reported and promised is the caller's. Powers of two change no digit.
-    let size = norm(&residual);
+    let p = balanced.restore(candidate.p);
+    let size = norm(&balanced.restore(candidate.residual));
     let relative_residual = if size == 0.0 {
         0.0
     } else {
-        size / norm(&p).max(norm(&problem.q))
+        size / norm(&p).max(weight)
     };
     // With inputs so nearly dependent P can be the fixed point of the rounded map and far from that of the map.
     if !(relative_residual <= ACCEPTED_RESIDUAL) || candidate.hessian_pivot < NEARLY_DEPENDENT {
@@ -160,8 +155,11 @@ fn accept(
             spectral_radius,
         });
     }
-    // Semidefinite in the balanced coordinates, P may have lost its sign in those of the caller.
-    if let Some((eigenvalue, tolerance)) = indefinite(&p) {
+    // Semidefinite in the balanced coordinates, P may have lost its sign in those of the caller; with a factor it has not.
+    let condition = condition(&p);
+    if !condition.is_finite()
+        && let Some((eigenvalue, tolerance)) = indefinite(&p)
+    {
         return Err(DareError::IndefiniteSolution {
             eigenvalue,
             tolerance,
@@ -171,22 +169,20 @@ fn accept(
         refuse_unseen(balanced, Some(&candidate.closed_loop))?;
     }
     let mut weakest_mode = None;
-    let proved = proved_measure(&balanced.problem, &candidate);
     if proved < WEAK {
         let found = hautus::unreached_modes(&balanced.problem.a, &balanced.problem.b)
             .map_err(DareError::Spectrum)?;
         // A bound above rounding is a proof, and overrules a doubt.
-        let doubtful = proved < 16.0 * problem.states() as f64 * f64::EPSILON;
+        let doubtful = proved < 16.0 * balanced.problem.states() as f64 * f64::EPSILON;
         if !found.unreached.is_empty() || doubtful {
             refuse_unreached(&found, balanced)?;
         }
         weakest_mode = found.weakest;
     }
-    let condition = condition(&p);
     Ok(DareSolution {
         warning: Conditioning::of(spectral_radius, weakest_mode, condition, relative_residual),
         p,
-        k: balanced.restore_gain(&candidate.k),
+        k: balanced.restore_gain(candidate.k),
         spectral_radius,
         relative_residual,
         condition,
