@@ -1,8 +1,9 @@
 //! What is nearly lost in a solution that is valid and fragile.
 
-use crate::arithmetic::dense::{cholesky, cholesky_solve, identity, norm_one};
+use crate::arithmetic::dense::{cholesky, cholesky_solve, congruence, identity, mul, norm_one};
 use crate::arithmetic::fixed_size::{by_states, inverse_norm_one};
 use crate::modes::mode::UncontrollableMode;
+use crate::riccati::problem::Problem;
 use crate::riccati::proved_measure::WEAK;
 use faer::Mat;
 
@@ -62,6 +63,36 @@ impl Conditioning {
             weakest_mode,
         })
     }
+}
+
+/// Of what cancels in an entry of P's diagonal, a state: no more than rounding is left of it.
+const CANCELLED: f64 = 16.0 * f64::EPSILON;
+
+/// P without the states that cost nothing: where a cross term cancels what Q and R say of a state up to rounding (the last input where its change
+/// has no weight), the sign and size of what is left are rounding too, and its row and column become zero. A level set is unbounded there.
+pub(crate) fn without_cancelled(
+    problem: &Problem,
+    mut p: Mat<f64>,
+    k: &Mat<f64>,
+    closed_loop: &Mat<f64>,
+) -> Mat<f64> {
+    let Some(s) = &problem.s else { return p };
+    let n = p.nrows();
+    let (effort, cross, later) = (
+        congruence(k, &problem.r),
+        mul(s, k),
+        congruence(closed_loop, &p),
+    );
+    for i in 0..n {
+        let terms = problem.q[(i, i)] + effort[(i, i)] + 2.0 * cross[(i, i)].abs() + later[(i, i)];
+        if p[(i, i)].abs() <= CANCELLED * n as f64 * terms {
+            for j in 0..n {
+                p[(i, j)] = 0.0;
+                p[(j, i)] = 0.0;
+            }
+        }
+    }
+    p
 }
 
 /// Condition number in the one-norm; infinite where `p` has no Cholesky factor, zero included.

@@ -5,7 +5,7 @@ use crate::arithmetic::dense::{cholesky, norm};
 use crate::modes::hautus;
 use crate::modes::mode::{Stabilisability, UncontrollableMode, UnobservableMode};
 use crate::riccati::balance::Balanced;
-use crate::riccati::conditioning::{Conditioning, LOST_DIGITS, SLOW, condition};
+use crate::riccati::conditioning::{Conditioning, LOST_DIGITS, SLOW, condition, without_cancelled};
 use crate::riccati::dare_error::DareError;
 use crate::riccati::dare_solution::DareSolution;
 use crate::riccati::extended_solution::{Extended, extended_residual, extended_solution};
@@ -92,7 +92,8 @@ pub(crate) fn in_extended_precision(
         }
         Extended::NotFound => return unless_negative(found),
     };
-    let p = balanced.restore(p);
+    let closed_loop = balanced.problem.closed_loop(&k);
+    let p = balanced.restore(without_cancelled(&balanced.problem, p, &k, &closed_loop));
     let Some(relative_residual) = extended_residual(problem, &p) else {
         return unless_negative(found);
     };
@@ -116,7 +117,7 @@ pub(crate) fn in_extended_precision(
         });
     }
     if spectral_radius > SLOW {
-        refuse_unseen(balanced, Some(&balanced.problem.closed_loop(&k)))?;
+        refuse_unseen(balanced, Some(&closed_loop))?;
     }
     let weakest_mode = hautus::unreached_modes(&balanced.problem.a, &balanced.problem.b)
         .ok()
@@ -141,7 +142,9 @@ fn accept(balanced: &Balanced, weight: f64, attempt: Attempt) -> Result<DareSolu
     } = attempt;
     let proved = proved_measure(&balanced.problem, &candidate);
     // The routes judge in balanced coordinates; what is reported and promised is the caller's. Powers of two change no digit.
-    let p = balanced.restore(candidate.p);
+    let (k, closed_loop) = (candidate.k, candidate.closed_loop);
+    let p = without_cancelled(&balanced.problem, candidate.p, &k, &closed_loop);
+    let p = balanced.restore(p);
     let size = norm(&balanced.restore(candidate.residual));
     let relative_residual = if size == 0.0 {
         0.0
@@ -166,7 +169,7 @@ fn accept(balanced: &Balanced, weight: f64, attempt: Attempt) -> Result<DareSolu
         });
     }
     if spectral_radius > SLOW {
-        refuse_unseen(balanced, Some(&candidate.closed_loop))?;
+        refuse_unseen(balanced, Some(&closed_loop))?;
     }
     let mut weakest_mode = None;
     if proved < WEAK {
@@ -182,7 +185,7 @@ fn accept(balanced: &Balanced, weight: f64, attempt: Attempt) -> Result<DareSolu
     Ok(DareSolution {
         warning: Conditioning::of(spectral_radius, weakest_mode, condition, relative_residual),
         p,
-        k: balanced.restore_gain(candidate.k),
+        k: balanced.restore_gain(k),
         spectral_radius,
         relative_residual,
         condition,

@@ -73,6 +73,26 @@ proptest! {
 }
 
 #[test]
+fn skewed_coordinates_do_not_make_a_pair_certainly_unstabilisable() {
+    // Rounding of A, in coordinates of condition 2e7, moves the eigenvalue whose mode looks unreached by 2e-5.
+    let mut source = Source(12_568_856_189_776_669_188);
+    let system = System::skewed(&mut source, 6, 1, 1.413172164519161, 7.377162545030164);
+    let found = system.dare().solve();
+    assert!(
+        !matches!(found, Err(DareError::NotStabilisable { .. })),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn a_cost_of_nothing_has_an_infinite_condition() {
+    let (a, zero, r) = (mat![[0.5]], mat![[0.0]], mat![[1.0]]);
+    let solution = solve(&a, &r, &zero, &r).unwrap();
+    assert_eq!(solution.p[(0, 0)], 0.0);
+    assert!(solution.condition.is_infinite());
+}
+
+#[test]
 fn doubtful_pairs_are_refused_as_doubtful() {
     // Stabilisable pairs seen through coordinates of condition 1e8, where rounding can make them otherwise.
     let mut doubtful = 0;

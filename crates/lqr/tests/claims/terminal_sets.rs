@@ -4,7 +4,7 @@ use crate::systems::{Source, System, apply, closed_loop};
 use faer::{Mat, mat};
 use lqr::{
     AdmissibleSet, ConstraintKind, Constraints, Determination, Ellipsoid, LevelReason,
-    RateAugmented, chain_levels, largest_volume_ellipsoid,
+    RateAugmented, TerminalSetError, chain_levels, largest_volume_ellipsoid,
 };
 use proptest::prelude::*;
 
@@ -417,6 +417,41 @@ fn without_a_weight_on_the_rate_the_augmented_law_is_the_plain_one() {
             .losses
             .contains(&lqr::NearLoss::IllConditionedP)
     );
+}
+
+#[test]
+fn without_a_weight_on_the_rate_there_is_no_level_set() {
+    // What rounding leaves of the zeros of P may be positive: 1e-48 in one of these systems, a set of half-axes 1e24.
+    for seed in 0..60 {
+        let mut source = Source(seed);
+        let (n, m) = (1 + seed as usize % 6, 1 + seed as usize % 3);
+        let system = System::random(&mut source, n, m, 1.2, 0.5);
+        // The last input's change has no weight, the others' may have one.
+        let weight = |i: usize, j: usize| f64::from(i == j && i + 1 < m && seed % 2 == 0);
+        let augmented = RateAugmented::new(
+            system.a.as_ref(),
+            system.b.as_ref(),
+            system.q.as_ref(),
+            system.r.as_ref(),
+            Mat::from_fn(m, m, weight).as_ref(),
+        )
+        .unwrap();
+        let solution = lqr::Dare::new(
+            augmented.a.as_ref(),
+            augmented.b.as_ref(),
+            augmented.q.as_ref(),
+            augmented.r.as_ref(),
+        )
+        .with_cross(augmented.s.as_ref())
+        .solve()
+        .unwrap();
+        assert!(solution.condition.is_infinite(), "seed {seed}");
+        assert_eq!(
+            Ellipsoid::largest(solution.p.as_ref(), &[]).unwrap_err(),
+            TerminalSetError::NotPositiveDefinite,
+            "seed {seed}"
+        );
+    }
 }
 
 #[test]
