@@ -16,7 +16,7 @@ pub use chain::backward::{BackwardChain, Stage};
 pub use chain::error::ChainError;
 pub use chain::periodic::PeriodicSolution;
 pub use input::InputError;
-pub use modes::hautus::{stabilisability, unobservable_on_circle};
+pub use modes::hautus::stabilisability;
 pub use modes::mode::{Stabilisability, UncontrollableMode, UnobservableMode};
 pub use modes::spectrum::{SpectrumError, discrete_lyapunov, spectral_radius};
 pub use modes::subspace::{ControllableSubspace, controllable_subspace};

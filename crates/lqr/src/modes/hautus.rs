@@ -9,7 +9,7 @@
 //! out to it. Not searched: the whole region |lambda| >= 1 (only minima that start at eigenvalues).
 
 use crate::arithmetic::dense;
-use crate::input::{self, InputError};
+use crate::input;
 use crate::modes::mode::{Stabilisability, UncontrollableMode, UnobservableMode};
 use crate::modes::spectrum::{self, SpectrumError};
 use faer::{Mat, MatRef, c64};
@@ -33,22 +33,6 @@ pub fn stabilisability(
 ) -> Result<Stabilisability, SpectrumError> {
     let (a, b) = input::pair(a, b)?;
     unreached_modes(&a, &b)
-}
-
-/// Modes of A on the unit circle that Q (n x n, symmetric) does not see: with one, no stabilising Riccati solution exists.
-///
-/// # Errors
-/// As [`stabilisability`].
-pub fn unobservable_on_circle(
-    a: MatRef<'_, f64>,
-    q: MatRef<'_, f64>,
-) -> Result<Vec<UnobservableMode>, SpectrumError> {
-    if a.nrows() == 0 {
-        return Err(InputError::Empty { name: "A" }.into());
-    }
-    let a = input::matrix("A", a, (a.nrows(), a.nrows()))?;
-    let q = input::symmetric("Q", q, a.nrows())?;
-    unseen_modes(&a, &q)
 }
 
 pub(crate) fn unreached_modes(

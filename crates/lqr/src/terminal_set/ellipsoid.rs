@@ -7,7 +7,7 @@
 use crate::arithmetic::dense::{cholesky, cholesky_solve, forward_substitute};
 use crate::input::{self, InputError};
 use crate::terminal_set::constraints::{ConstraintKind, LawRow};
-use faer::{Mat, MatRef, Side};
+use faer::{Mat, MatRef};
 
 /// Why a set could not be sized.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -174,11 +174,6 @@ impl Ellipsoid {
         })
     }
 
-    /// The level of a set that has a boundary.
-    fn finite_level(&self) -> Result<f64, InputError> {
-        input::finite_not_negative("level", self.level)
-    }
-
     /// The point of the set where f x is largest; the origin for f = 0.
     ///
     /// # Errors
@@ -191,60 +186,8 @@ impl Ellipsoid {
         }
         let f = MatRef::from_column_major_slice(row, n, 1).to_owned();
         let x = cholesky_solve(&self.factor, f);
-        let scale = (self.finite_level()? / reach).sqrt();
+        let scale = (input::finite_not_negative("level", self.level)? / reach).sqrt();
         Ok((0..n).map(|i| x[(i, 0)] * scale).collect())
-    }
-
-    /// The point L^-T d sqrt(c) / |d| of the boundary in direction d of the unit ball.
-    ///
-    /// # Errors
-    /// [`InputError`] for another length, non-finite entries, or an infinite level.
-    pub fn boundary_point(&self, direction: &[f64]) -> Result<Vec<f64>, InputError> {
-        let n = self.p.nrows();
-        let d = input::matrix(
-            "direction",
-            MatRef::from_column_major_slice(direction, direction.len(), 1),
-            (n, 1),
-        )?;
-        let length = crate::arithmetic::dense::norm(&d);
-        let radius = self.finite_level()?.sqrt();
-        let mut x: Vec<f64> = (0..n)
-            .map(|i| {
-                if length > 0.0 {
-                    d[(i, 0)] / length * radius
-                } else {
-                    0.0
-                }
-            })
-            .collect();
-        for k in (0..n).rev() {
-            let tail: f64 = (k + 1..n).map(|i| self.factor[(i, k)] * x[i]).sum();
-            x[k] = (x[k] - tail) / self.factor[(k, k)];
-        }
-        Ok(x)
-    }
-
-    /// Half-lengths sqrt(c / lambda_i) of the principal axes, longest first; `None` if the eigenvalues cannot be computed.
-    #[must_use]
-    pub fn half_axes(&self) -> Option<Vec<f64>> {
-        let values = self.p.self_adjoint_eigenvalues(Side::Lower).ok()?;
-        let mut axes: Vec<f64> = values
-            .iter()
-            // P has a Cholesky factor; an eigenvalue below zero is rounding.
-            .map(|lambda| (self.level / lambda.max(f64::MIN_POSITIVE)).sqrt())
-            .collect();
-        axes.sort_by(|x, y| y.total_cmp(x));
-        Some(axes)
-    }
-
-    /// Largest absolute value of each coordinate over the set, sqrt(c (P^-1)_ii), length n.
-    #[must_use]
-    pub fn coordinate_extents(&self) -> Vec<f64> {
-        let n = self.p.nrows();
-        let inverse = cholesky_solve(&self.factor, crate::arithmetic::dense::identity(n));
-        (0..n)
-            .map(|i| (self.level * inverse[(i, i)]).sqrt())
-            .collect()
     }
 
     /// log of the volume without the factor of the unit ball: n/2 log c - 1/2 log det P.

@@ -201,6 +201,27 @@ proptest! {
         prop_assert!((spectral_radius(monodromy.as_ref()).unwrap() - periodic.spectral_radius).abs() < 1e-6);
     }
 
+    // A sum of 2,000 terms, of which a radius of 0.98 leaves 1e-17; rounding of the sum is that of its terms times the powers' transient.
+    #[test]
+    fn discrete_lyapunov_is_the_cost_along_a_trajectory((n, radius, seed) in (1..=12_usize, 0.1..1.2_f64, any::<u64>())) {
+        let mut source = Source(seed);
+        let system = System::random(&mut source, n, 1, radius, 1.0);
+        let found = lqr::discrete_lyapunov(system.a.as_ref(), system.q.as_ref());
+        if radius > 1.0 {
+            let refused = matches!(found, Err(lqr::SpectrumError::Unstable { spectral_radius }) if (spectral_radius - radius).abs() < 1e-6);
+            prop_assert!(refused, "{found:?}");
+        } else if radius < 0.98 {
+            let mut x = Mat::from_fn(n, 1, |_, _| source.normal());
+            let value = (x.transpose() * found.unwrap() * &x)[(0, 0)];
+            let mut sum = 0.0;
+            for _ in 0..2000 {
+                sum += (x.transpose() * &system.q * &x)[(0, 0)];
+                x = &system.a * x;
+            }
+            prop_assert!((value / sum - 1.0).abs() < 1e-9, "{value} {sum}");
+        }
+    }
+
     #[test]
     fn cross_term_equals_the_substituted_input((n, m, radius, seed) in (1..=6_usize, 1..=3_usize, 0.1..2.0_f64, any::<u64>())) {
         let mut source = Source(seed);
