@@ -1,6 +1,6 @@
 //! Matrices of a size known to the compiler: products, an inverse, a Cholesky solution. No allocation, no dispatch.
 //!
-//! What [`widest`](crate::arithmetic::fixed_size::widest) kernels call is always inlined, so that it is compiled with them.
+//! What the kernels of [`widest`](crate::arithmetic::fixed_size::widest) call is inlined, so that it is compiled for their instruction set.
 
 use faer::Mat;
 
@@ -29,8 +29,14 @@ impl<const R: usize, const C: usize> Block<R, C> {
         a
     }
 
-    #[inline(always)]
+    /// The product, compiled once a shape.
     pub(crate) fn mul<const D: usize>(&self, b: &Block<C, D>) -> Block<R, D> {
+        self.mul_inlined(b)
+    }
+
+    /// The product, compiled with what calls it.
+    #[inline(always)]
+    pub(crate) fn mul_inlined<const D: usize>(&self, b: &Block<C, D>) -> Block<R, D> {
         let mut c = Block::ZERO;
         for (column, weights) in c.0.iter_mut().zip(&b.0) {
             let mut sum = [0.0; R];
@@ -103,7 +109,6 @@ impl<const N: usize> Block<N, N> {
     }
 
     /// `c' self c` for a symmetric `self`.
-    #[inline(always)]
     pub(crate) fn congruence<const D: usize>(&self, c: &Block<N, D>) -> Block<D, D> {
         c.transposed().mul(&self.mul(c)).symmetric_part()
     }

@@ -64,11 +64,12 @@ impl<const N: usize> NullaryFnOnce for Smith<N> {
             if !size.is_finite() || size > 1e120 {
                 return None;
             }
-            x = x.plus(1.0, &x.congruence(&power));
+            let carried = power.transposed().mul_inlined(&x.mul_inlined(&power));
+            x = x.plus(1.0, &carried.symmetric_part());
             if size < 1e-9 {
                 return x.norm().is_finite().then_some(x);
             }
-            power = power.mul(&power);
+            power = power.mul_inlined(&power);
         }
         None
     }

@@ -86,9 +86,9 @@ impl<const N: usize> NullaryFnOnce for Doubling<N> {
     fn call(self) -> Self::Output {
         let (mut a, mut g, mut h) = (self.a, self.g, self.h);
         for count in 1..=self.max_doublings {
-            let inverse = Block::identity().plus(1.0, &g.mul(&h)).inverse()?;
-            let (wa, transposed) = (inverse.mul(&a), a.transposed());
-            let growth = transposed.mul(&h.mul(&wa)).symmetric_part();
+            let inverse = Block::identity().plus(1.0, &g.mul_inlined(&h)).inverse()?;
+            let (wa, transposed) = (inverse.mul_inlined(&a), a.transposed());
+            let growth = transposed.mul_inlined(&h.mul_inlined(&wa)).symmetric_part();
             h = h.plus(1.0, &growth);
             let size = h.norm();
             if !size.is_finite() {
@@ -98,9 +98,12 @@ impl<const N: usize> NullaryFnOnce for Doubling<N> {
             if growth.norm() <= 1e-15 * size || a.norm() * wa.norm() < 1e-9 {
                 return Some((h, count));
             }
-            let reach = a.mul(&inverse.mul(&g)).mul(&transposed).symmetric_part();
+            let reach = a
+                .mul_inlined(&inverse.mul_inlined(&g))
+                .mul_inlined(&transposed)
+                .symmetric_part();
             g = g.plus(1.0, &reach);
-            a = a.mul(&wa);
+            a = a.mul_inlined(&wa);
             if !g.norm().is_finite() {
                 return None;
             }
