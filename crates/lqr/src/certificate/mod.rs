@@ -3,5 +3,6 @@
 pub(crate) mod chain_claim;
 pub(crate) mod checks;
 pub(crate) mod polytope_claim;
+pub(crate) mod polytope_proof;
 pub(crate) mod record;
 pub(crate) mod terminal_claim;

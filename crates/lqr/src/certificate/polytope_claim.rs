@@ -1,16 +1,15 @@
 //! The claim that a polytope { Hx <= h } is invariant under a law and admissible, and its proof.
 //!
-//! With A_K = A + BK: H A_K x <= h over the set, invariance; f x <= b over the set for each constraint under the law, admissibility. A bound g x <= b over the set
-//! is proved by duality: y >= 0 gives g = y'H + r, hence g x <= y'h + sum |r_j| M_j with |x_j| <= M_j over the set. The linear
-//! program supplies y in doubles; r, rounding in size, and the sum are then evaluated in exact integer arithmetic on the stored doubles. The M_j are proved the same way,
-//! all at once: |x_j| <= y'h + sum |r_k| M_k t with t = max |x_j| / M_j gives t <= 1 where the right side is at most M_j at t = 1.
+//! With A_K = A + BK: H A_K x <= h over the set, invariance; f x <= b over the set for each constraint under the law, admissibility. How such a bound
+//! is proved: [`Proof`].
 //!
 //! The maximal set touches its own image, so what is stored of it is invariant up to rounding only. [`PolytopeClaim::provable`] takes the maximal set of a
-//! law that is slower by a margin under limits that are tighter by it. Left out: unbounded sets, proved only where r = 0, and limits of zero, which no margin moves.
+//! law that is slower by a margin under limits that are tighter by it. Left out: unbounded sets, proved only where r = 0, and limits of zero, which no margin moves (where they leave the origin only, the claim as it stands is proved).
 
 use crate::arithmetic::dense::{add_scaled, identity, mul};
 use crate::arithmetic::exact::Exact;
 use crate::certificate::checks::{ExactLaw, malformed};
+use crate::certificate::polytope_proof::{Proof, column};
 use crate::certificate::record::{Certificate, Check, Rigour, Witness};
 use crate::input::{self, InputError};
 use crate::riccati::dare::Dare;
@@ -21,7 +20,7 @@ use crate::terminal_set::ellipsoid::TerminalSetError;
 use crate::terminal_set::polytope::{
     AdmissibleSet, Caps, Determination, IMPLIED, least_room, length,
 };
-use crate::terminal_set::simplex::{Optimum, optimum};
+use crate::terminal_set::simplex::optimum;
 use faer::Mat;
 
 /// Margins tried by `provable`: the first is ten times what `AdmissibleSet` takes for implied.
@@ -213,10 +212,6 @@ impl PolytopeClaim {
     }
 }
 
-fn column(row: &[f64]) -> Mat<f64> {
-    Mat::from_fn(row.len(), 1, |i, _| row[i])
-}
-
 /// The verdict on one bound.
 struct Bounded {
     holds: bool,
@@ -248,83 +243,6 @@ impl Bounded {
             margin: self.margin,
             tolerance: self.tolerance,
             witness: self.witness,
-        }
-    }
-}
-
-/// The stored set in exact numbers, with proved bounds on its coordinates.
-struct Proof {
-    rows: Vec<(Exact, Exact)>,
-    /// M_j, n x 1; `None` for a set that is not shown to be bounded.
-    extents: Option<Exact>,
-}
-
-impl Proof {
-    fn of(set: &AdmissibleSet, n: usize) -> Self {
-        let rows = set.rows.iter();
-        let rows = rows.map(|r| {
-            (
-                Exact::of(&column(&r.row)).transpose(),
-                Exact::number(r.bound),
-            )
-        });
-        let mut proof = Self {
-            rows: rows.collect(),
-            extents: None,
-        };
-        proof.extents = proof.coordinate_extents(set, n);
-        proof
-    }
-
-    fn coordinate_extents(&self, set: &AdmissibleSet, n: usize) -> Option<Exact> {
-        let axes = (0..n).flat_map(|j| [(j, 1.0), (j, -1.0)]);
-        let reaches: Vec<(usize, Exact, Optimum)> = axes
-            .map(|(j, sign)| {
-                let axis: Vec<f64> = (0..n).map(|i| if i == j { sign } else { 0.0 }).collect();
-                let found = optimum(&axis, set.half_spaces())?;
-                Some((j, Exact::of(&column(&axis)).transpose(), found))
-            })
-            .collect::<Option<_>>()?;
-        let largest = reaches
-            .iter()
-            .map(|(_, _, found)| found.value)
-            .fold(0.0, f64::max);
-        // More than twice the reach leaves room for rounding and residuals; a flat direction gets some extent as well.
-        let mut extents = vec![1e-3 * largest; n];
-        for (j, _, found) in &reaches {
-            extents[*j] = extents[*j].max(3.0 * found.value);
-        }
-        let exact = Exact::of(&column(&extents));
-        let proved = reaches.iter().all(|(j, axis, found)| {
-            let (reach, rest) = self.split(axis, found);
-            let rest = rest.modulus().mul(&exact);
-            let half = Exact::number(0.5 * extents[*j]);
-            // Both halves below M_j / 2, the second strictly: t <= 1/2 + t/2 with less than 1/2 before t.
-            half.sub(&reach).is_definite(false) && half.sub(&rest).is_definite(true)
-        });
-        proved.then_some(exact)
-    }
-
-    /// y'h and r = g - y'H. Multipliers that are not positive prove nothing and are left out.
-    fn split(&self, target: &Exact, found: &Optimum) -> (Exact, Exact) {
-        let (mut reach, mut rest) = (Exact::number(0.0), target.clone());
-        for &(i, y) in found.multipliers.iter().filter(|(_, y)| *y > 0.0) {
-            let (row, bound) = &self.rows[i];
-            let y = Exact::number(y);
-            reach = reach.add(&bound.times(&y));
-            rest = rest.sub(&row.times(&y));
-        }
-        (reach, rest)
-    }
-
-    /// Whether `target x <= limit` over the set is proved.
-    fn bounds(&self, target: &Exact, limit: f64, found: &Optimum) -> bool {
-        let (reach, rest) = self.split(target, found);
-        let slack = Exact::number(limit).sub(&reach);
-        match &self.extents {
-            _ if rest.is_zero() => slack.is_definite(false),
-            Some(extents) => slack.sub(&rest.modulus().mul(extents)).is_definite(false),
-            None => false,
         }
     }
 }

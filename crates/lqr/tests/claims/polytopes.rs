@@ -1,7 +1,7 @@
 //! Polytopic terminal sets: caps, and proofs of invariance and admissibility.
 
 use crate::systems::{Source, System, apply, closed_loop};
-use faer::mat;
+use faer::{Mat, mat};
 use lqr::{AdmissibleSet, Caps, Constraints, Determination, PolytopeClaim, Rigour};
 use proptest::prelude::*;
 
@@ -300,4 +300,19 @@ fn the_unit_of_the_state_does_not_change_the_polytope() {
     };
     assert_eq!(index_in(1.0), index_in(1e-9));
     assert_eq!(index_in(1.0), index_in(1e9));
+}
+
+#[test]
+fn an_input_that_may_not_move_leaves_the_origin_and_that_is_proved() {
+    let (a, b) = (mat![[1.0, 0.1], [0.0, 1.0]], mat![[0.005], [0.1]]);
+    let (q, r) = (Mat::<f64>::identity(2, 2), mat![[1.0]]);
+    let dare = lqr::Dare::new(a.as_ref(), b.as_ref(), q.as_ref(), r.as_ref());
+    let solution = dare.solve().unwrap();
+    let limits = Constraints::new(2, 1)
+        .with_input_box(&[0.0], &[0.0])
+        .unwrap();
+    let claim = PolytopeClaim::maximal(&dare, &solution, limits, CAPS).unwrap();
+    assert_eq!(claim.set.support(&[1.0, -1.0]), Ok(Some(0.0)));
+    let certificate = claim.prove();
+    assert!(certificate.holds(), "{certificate}");
 }

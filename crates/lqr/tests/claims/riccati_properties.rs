@@ -238,7 +238,9 @@ proptest! {
         let plain = System { a: &system.a + &system.b * &l, ..system.clone() };
         let plain = plain.dare().solve().unwrap();
         prop_assume!(plain.condition < 1e8);
-        prop_assert!(norm(&(&crossed.p - &plain.p)) < 1e-8 * norm(&plain.p));
-        prop_assert!(norm(&(&crossed.k - &(&plain.k + &l))) < 1e-6 * (1.0 + norm(&crossed.k)));
+        // A + BL is rounded, and so are the products of a step, which are larger than P by up to its condition.
+        let tolerance = f64::max(1e-8, 1e-14 * plain.condition);
+        prop_assert!(norm(&(&crossed.p - &plain.p)) < tolerance * norm(&plain.p));
+        prop_assert!(norm(&(&crossed.k - &(&plain.k + &l))) < 1e2 * tolerance * (1.0 + norm(&crossed.k)));
     }
 }
