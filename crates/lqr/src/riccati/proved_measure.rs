@@ -57,7 +57,7 @@ mod tests {
     use faer::Mat;
 
     /// Eigenvalues around one and a closed loop with a long transient, as in the benchmark.
-    fn solved(n: usize) -> (Problem, Candidate) {
+    fn solved(n: usize, q: Mat<f64>) -> (Problem, Candidate) {
         let problem = Problem {
             a: Mat::from_fn(n, n, |i, j| {
                 if i == j {
@@ -67,7 +67,7 @@ mod tests {
                 }
             }),
             b: Mat::from_fn(n, 2, |i, j| 0.3 * ((i * 5 + j * 11) as f64).cos()),
-            q: identity(n),
+            q,
             r: identity(2),
             s: None,
         };
@@ -79,17 +79,22 @@ mod tests {
 
     #[test]
     fn a_long_transient_does_not_call_for_the_hautus_test() {
+        // The second weight sees one state only: there the decrease of P settles nothing, and X has to.
+        let first = |n: usize| Mat::from_fn(n, n, |i, j| f64::from(i == 0 && j == 0));
         for n in [6, 8] {
-            let (problem, candidate) = solved(n);
-            let proved = proved_measure(&problem, &candidate);
-            assert!(proved >= WEAK, "{n} states: {proved:e}");
+            for (q, by_cost) in [(identity(n), true), (first(n), false)] {
+                let (problem, candidate) = solved(n, q);
+                let proved = proved_measure(&problem, &candidate);
+                assert!(proved >= WEAK, "{n} states: {proved:e}");
+                assert_eq!(proved == WEAK, by_cost, "{n} states: {proved:e}");
+            }
         }
     }
 
     #[test]
     fn the_bound_stays_below_the_measure() {
         for n in 2..=9 {
-            let (problem, candidate) = solved(n);
+            let (problem, candidate) = solved(n, identity(n));
             let weakest = unreached_modes(&problem.a, &problem.b).unwrap().weakest;
             let proved = proved_measure(&problem, &candidate);
             assert!(proved > 0.0);
