@@ -57,9 +57,9 @@ fn exact_penalty_above_the_multiplier_bound_leaves_the_solution_and_below_it_giv
                         (&hard[i].1, soft.multipliers.exact_penalty_bound(group));
                     let saved = (hard.objective - soft.objective) / hard.objective.abs().max(1.0);
                     if factor > 1.0 {
-                        // Gap tolerance 1e-8 over a price at least 1e-3 above the multiplier.
+                        // Clarabel's gap of 1e-11 of the cost, or rounding, over a price at least 1e-3 above the multiplier.
                         assert!(
-                            violation < 1e-5 && saved.abs() < 1e-6,
+                            violation < 1e-7 && saved.abs() < 1e-8,
                             "{solver}, seed {seed} {group}: {violation:e} {saved:e}"
                         );
                         // Two answers to one problem, each within its gap of the optimum.
@@ -67,7 +67,7 @@ fn exact_penalty_above_the_multiplier_bound_leaves_the_solution_and_below_it_giv
                         assert!(apart <= 1e-4, "{solver}, seed {seed} {group}: {apart:e}");
                         // The multipliers are the hard problem's, so the bound that it reports is the one that made the price exact.
                         let error = (reported - bound).abs() / bound;
-                        assert!(error <= 1e-3, "{solver}, seed {seed} {group}: {error:e}");
+                        assert!(error <= 2e-4, "{solver}, seed {seed} {group}: {error:e}");
                         held[i] += 1;
                     } else {
                         assert!(saved > -1e-7, "a relaxation costs no more: {saved:e}");

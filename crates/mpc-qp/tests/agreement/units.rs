@@ -75,9 +75,9 @@ fn copy<const NX: usize, const NU: usize>(
 /// The structured solver ends in the other units as it does in the given ones; Clarabel in the same status at the same cost, and as near to
 /// the structured solver's answer as such a cost allows.
 ///
-/// 1e-5 is what is asked of two good solvers, one to the other. Clarabel stops at a gap of 1e-8 *of the cost*, 1e-7 without a second pass: at
-/// a cost of 5e4 that leaves 1e-3 to an input with little curvature in any unit, the given one among them. What follows from the cost is
-/// the curvature along the difference: at a minimum z, `f(y) - f(z) >= 1/2 (y - z)'H(y - z)` for every feasible y.
+/// An active-set answer is exact but for rounding: 2e-6 in the first input. Clarabel's 1e-8 in the dynamics, times a large costate, are up to 4e-7
+/// *of the cost*: at a cost of 5e4 that leaves 6e-4 to an input with little curvature in any unit, the given one among them. What follows from
+/// the cost is the curvature along the difference: at a minimum z, `f(y) - f(z) >= 1/2 (y - z)'H(y - z)` for every feasible y.
 fn same_in<const NX: usize, const NU: usize>(
     name: &str,
     problem: &OcpQp<NX, NU>,
@@ -107,7 +107,7 @@ fn same_in<const NX: usize, const NU: usize>(
         if *solver == "structured" {
             let apart = (there.u[0] - here.u[0]).amax();
             let size = here.u[0].amax().max(1.0);
-            assert!(apart <= 1e-5 * size, "{name}: {apart:e}");
+            assert!(apart <= 2e-6 * size, "{name}: {apart:e}");
         } else {
             let apart = energy(problem, optimum, &there);
             assert!(apart <= 2e-7 * size, "{name}, {solver}: {apart:e} apart");
@@ -187,7 +187,7 @@ fn point_at_the_end_is_reached_in_any_unit() {
         costs.push(same_cost(&format!("size {size:e}"), &problem));
     }
     for cost in &costs {
-        assert!((cost - costs[0]).abs() <= 1e-6 * costs[0], "{costs:?}");
+        assert!((cost - costs[0]).abs() <= 1e-8 * costs[0], "{costs:?}");
     }
 }
 
