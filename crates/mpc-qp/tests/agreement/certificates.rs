@@ -1,10 +1,10 @@
-//! Infeasibility certificates of both solvers, recomputed from the definition: `y'(b - A z)` evaluated at points z.
+//! Infeasibility certificates of both solvers, recomputed from the definition: `y'(b - A z)` evaluated at points z; and rays spoilt in one place.
 
-use crate::answers;
+use crate::{answers, structured};
 use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::{
-    ConstraintGroup, OcpQp, Penalty, Place, Row, Softening, Solution, SolveStatus, Stage, Terminal,
-    TerminalSet, TerminalSetMultipliers,
+    ConstraintGroup, InfeasibilityCertificate, OcpQp, Penalty, Place, Row, Softening, Solution,
+    SolveStatus, Stage, Terminal, TerminalSet, TerminalSetMultipliers, examine_certificate,
 };
 use nalgebra::{Matrix1, Matrix2, SVector, Vector1, Vector2};
 
@@ -206,5 +206,64 @@ fn soft_constraints_have_no_part_in_a_proof() {
                 assert!(!blame.names(ConstraintGroup::StateBounds), "{solver}");
             }
         }
+    }
+}
+
+/// The certificate of a proof's ray, spoilt by a thousandth of what the terminal ellipsoid has in it.
+fn ray_spoilt(spoil: fn(&mut Solution<4, 2>, f64)) -> InfeasibilityCertificate {
+    let problem = random::problem::<4, 2>(3, &Recipe::infeasible(3, 15)).unwrap();
+    let mut ray = structured(&problem);
+    let size = ray
+        .multipliers
+        .exact_penalty_bound(ConstraintGroup::TerminalSet);
+    assert!(matches!(ray.status, SolveStatus::PrimalInfeasible { .. }) && size > 0.0);
+    spoil(&mut ray, 1e-3 * size);
+    examine_certificate(&problem, &ray).0
+}
+
+#[test]
+fn ray_with_a_wrong_sign_says_so() {
+    assert!(ray_spoilt(|_, _| {}).sign_violation <= 1e-9);
+    let spoils: [fn(&mut Solution<4, 2>, f64); 3] = [
+        // One of two opposite multipliers is zero.
+        |ray, little| {
+            let of_inputs = &mut ray.multipliers.stages[0];
+            let zero = match of_inputs.u_max[0] <= of_inputs.u_min[0] {
+                true => &mut of_inputs.u_max,
+                false => &mut of_inputs.u_min,
+            };
+            zero[0] = -little;
+        },
+        // The second state has no bounds.
+        |ray, little| ray.multipliers.terminal.x_max[1] = little,
+        |ray, little| {
+            if let TerminalSetMultipliers::Ellipsoid { radius, offset } =
+                &mut ray.multipliers.terminal.set
+            {
+                *radius = offset.norm() - little;
+            }
+        },
+    ];
+    for spoil in spoils {
+        let certificate = ray_spoilt(spoil);
+        assert!(certificate.residual.is_finite(), "{certificate:?}");
+        assert!(certificate.sign_violation > 1e-6, "{certificate:?}");
+    }
+}
+
+#[test]
+fn ray_on_soft_constraints_says_so() {
+    // Ellipsoid, point.
+    for seed in [3, 7] {
+        let problem = random::problem::<4, 2>(seed, &Recipe::infeasible(seed, 15)).unwrap();
+        let ray = structured(&problem);
+        assert!(examine_certificate(&problem, &ray).0.sign_violation <= 1e-9);
+        let softening = Softening {
+            terminal_set: Penalty::Exact { weight: 1.0 },
+            ..Softening::default()
+        };
+        let softened = problem.with_softening(softening).unwrap();
+        let certificate = examine_certificate(&softened, &ray).0;
+        assert!(certificate.sign_violation > 1e-6, "{certificate:?}");
     }
 }

@@ -3,8 +3,8 @@
 use crate::{answers, refused_for};
 use mpc_qp::problems::random::{self, Recipe};
 use mpc_qp::{
-    ConstraintGroup, OcpQp, Penalty, Place, Row, Softening, Solution, SolveStatus, Stage, Terminal,
-    TerminalSet, TerminalSetMultipliers, examine_certificate,
+    BlameEntry, ConstraintGroup, OcpQp, Penalty, Place, Row, Softening, Solution, SolveStatus,
+    Stage, Terminal, TerminalSet, TerminalSetMultipliers, examine_certificate,
 };
 use nalgebra::{Matrix1, Matrix2, SMatrix, SVector, Vector1, Vector2};
 
@@ -114,6 +114,30 @@ fn blame_names_the_two_rows_in_conflict_and_their_stage() {
             "{solver}"
         );
         assert!(first.share > 0.99, "{solver}: {blame:?}");
+    }
+}
+
+#[test]
+fn blame_tells_from_where_to_where_and_where_most() {
+    // x+ = 2 x + u reaches 31 from rest: an input counts twice as much as the one after it.
+    let mut stage = Stage::new(Matrix1::new(2.0), Matrix1::new(1.0));
+    (stage.r[0], stage.u_min[0], stage.u_max[0]) = (1.0, -1.0, 1.0);
+    let mut terminal = Terminal::new(Matrix1::zeros());
+    terminal.set = TerminalSet::Equality {
+        target: Vector1::new(40.0),
+    };
+    let problem = OcpQp::new(Vector1::zeros(), vec![stage; 5], terminal).unwrap();
+    for (solver, solution) in answers(&problem) {
+        let SolveStatus::PrimalInfeasible { blame, .. } = solution.status else {
+            panic!("{solver}: {:?}", solution.status);
+        };
+        let inputs = |entry: &&BlameEntry| entry.group == ConstraintGroup::InputBounds;
+        let entry = blame.entries().find(inputs).unwrap();
+        assert_eq!(
+            [entry.first, entry.worst, entry.last],
+            [Place::Stage(0), Place::Stage(0), Place::Stage(4)],
+            "{solver}"
+        );
     }
 }
 
