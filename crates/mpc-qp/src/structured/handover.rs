@@ -115,8 +115,10 @@ impl Channel {
         }
     }
 
-    /// Weights `rho / width^2` toward the middle of every pair of bounds, as forces at zero values: for the starting point.
+    /// Weights `rho / width^2` toward the middle of every pair of bounds, as forces at zero values: for the starting point. A soft equality has no
+    /// width, and must not weigh more than all the inputs together.
     pub(super) fn center(&mut self, rho: f64) {
+        let least = if self.price == Price::Hard { 1e-8 } else { 1.0 };
         self.weight.fill([0.0; 4]);
         self.force.fill([0.0; 4]);
         let [lower, upper] = &self.sides;
@@ -124,9 +126,9 @@ impl Channel {
         if rho > 0.0 && self.used == [true; 2] {
             for ((weight, force), (low, high)) in terms.zip(lower.iter().zip(upper)) {
                 for i in 0..4 {
-                    let width = high.bound[i] + low.bound[i];
+                    let width = larger(high.bound[i] + low.bound[i], least);
                     let both = rho * low.on[i] * high.on[i];
-                    weight[i] = both / larger(width * width, 1e-16);
+                    weight[i] = both / (width * width);
                     force[i] = -0.5 * weight[i] * (high.bound[i] - low.bound[i]);
                 }
             }
@@ -162,7 +164,12 @@ impl Channel {
                 }
             }
             if self.price != Price::Hard {
-                soft::enter(&mut self.sides[side], &mut self.slacks[side], self.price);
+                soft::enter(
+                    &mut self.sides[side],
+                    &mut self.slacks[side],
+                    self.price,
+                    mu,
+                );
             }
         }
     }
@@ -185,17 +192,19 @@ impl Channel {
         (sum, count)
     }
 
-    /// Sum of violation times exact price over the soft bounds that the present values violate, and their number.
+    /// Sum of violation times the multiplier that its price gives it over the soft bounds that the present values violate, and their number.
     pub(super) fn priced_products(&self) -> (f64, f64) {
-        let Price::Exact(rho) = self.price else {
-            return (0.0, 0.0);
-        };
         let (mut sum, mut count) = (0.0, 0.0);
         for side in (0..2).filter(|&side| self.used[side]) {
             for (lane, v) in self.sides[side].iter().zip(&self.v) {
                 for i in 0..4 {
                     let violation = lane.on[i] * (SIGN[side] * v[i] - lane.bound[i]);
-                    sum += rho * violation.max(0.0);
+                    let multiplier = match self.price {
+                        Price::Hard => return (0.0, 0.0),
+                        Price::Exact(rho) => rho,
+                        Price::Quadratic(rho) => rho * violation,
+                    };
+                    sum += multiplier * violation.max(0.0);
                     count += f64::from(u8::from(violation > 0.0));
                 }
             }

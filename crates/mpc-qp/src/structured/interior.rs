@@ -5,6 +5,7 @@ use super::channel::Channel;
 use super::clipping::Cuts;
 use super::kernel::run;
 use super::passes::{Advance, Backward, ConeTerm, Factorise, Forward, Weigh};
+use super::soft::Price;
 use super::solves::{Ray, SolveAbsolute};
 use super::sweeps::Patience;
 use crate::certificate::{cancel_opposite_multipliers, examine_certificate};
@@ -142,7 +143,8 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         false
     }
 
-    /// Whether the iterate's multipliers prove infeasibility. Writes the ray into `solution` if so; keeps the iterate.
+    /// Whether the iterate's multipliers prove infeasibility. Writes the ray into `solution` if so; keeps the iterate. Soft constraints have no
+    /// part in a contradiction: left in the ray, the multiplier of one far out of reach separates more than any tolerance sees of it.
     pub(super) fn infeasible(
         &mut self,
         problem: &OcpQp<NX, NU>,
@@ -150,6 +152,15 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     ) -> Option<SolveStatus> {
         for channel in self.newton.channels() {
             channel.save();
+            if channel.price != Price::Hard {
+                channel.forget_multipliers();
+            }
+        }
+        let kept = self.newton.cone.clone();
+        if let Some(cone) = &mut self.newton.cone
+            && cone.price != Price::Hard
+        {
+            cone.reset();
         }
         run(Ray {
             newton: &mut self.newton,
@@ -173,6 +184,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         for channel in self.newton.channels() {
             channel.restore();
         }
+        self.newton.cone = kept;
         None
     }
 
@@ -204,6 +216,13 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         false
     }
 
+    /// Largest distance of what is held by the method of multipliers.
+    fn fixed_residual(&mut self) -> f64 {
+        let channels = self.newton.channels();
+        let of_each = channels.iter().map(|channel| channel.fixed_residual());
+        of_each.fold(0.0, f64::max)
+    }
+
     /// The interior point.
     pub(super) fn interior_point(
         &mut self,
@@ -218,6 +237,8 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let mut failed = false;
         let tolerance = self.settings.tolerance;
         let mut watched = (f64::INFINITY, f64::INFINITY);
+        // Largest distance of what is held by the method of multipliers.
+        let mut distance = f64::INFINITY;
         for iteration in 0..MOST_ITERATIONS {
             if self.iterations >= self.settings.max_iterations {
                 break;
@@ -268,11 +289,14 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                     alpha: step,
                 }) / count.max(1.0);
             }
+            let fixed = self.fixed_residual();
+            // Equalities that contradict each other are left where they are by one full step after the other.
+            let stands = infeasible <= 1e-10 && fixed > tolerance && fixed > 0.5 * distance;
+            distance = fixed;
             let stuck = !(step > 1e-12 && reach.product.is_finite() && mu.is_finite() && mu < 1e40);
             short_steps = if step < 0.3 { short_steps + 1 } else { 0 };
             let growing = mu > before && infeasible > 1e-3;
-            if (stuck || short_steps >= 2 || growing)
-                && infeasible > 1e-10
+            if (((stuck || short_steps >= 2 || growing) && infeasible > 1e-10) || stands)
                 && let Some(status) = self.infeasible(problem, solution)
             {
                 return status;
@@ -284,18 +308,13 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             if identified && self.finish(&mut failed) {
                 return SolveStatus::Solved;
             }
-            let channels = self.newton.channels();
-            let fixed = channels
-                .iter()
-                .map(|channel| channel.fixed_residual())
-                .fold(0.0, f64::max);
             let converged = mu * count < 0.1 * tolerance
                 && infeasible < 0.1 * tolerance
                 && fixed < 0.1 * tolerance;
             if converged && (self.stationary(tolerance) || self.refine(tolerance)) {
                 return SolveStatus::Solved;
             }
-            if converged && mu * count < EXHAUSTED * tolerance {
+            if (converged || stands) && mu * count < EXHAUSTED * tolerance {
                 return SolveStatus::NumericalTrouble;
             }
         }

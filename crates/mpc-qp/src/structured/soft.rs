@@ -42,24 +42,39 @@ impl SlackLane {
     };
 }
 
-/// Puts the multipliers of an exact penalty inside (0, rho) and refreshes the residuals.
-pub(super) fn enter(side: &mut [Lane], slacks: &mut [SlackLane], price: Price) {
-    for (lane, slack) in side.iter_mut().zip(slacks) {
+/// Starts soft bounds on their central path: products `mu`, and no residual however far beyond the bound the value is.
+pub(super) fn enter(side: &mut [Lane], slacks: &mut [SlackLane], price: Price, mu: f64) {
+    for (lane, soft) in side.iter_mut().zip(slacks) {
         for i in 0..4 {
             if lane.on[i] == 0.0 {
                 continue;
             }
+            // bound - value
+            let room = lane.s[i] - lane.r[i];
             match price {
-                Price::Hard => {}
-                Price::Quadratic(rho) => lane.r[i] -= lane.z[i] / rho,
+                Price::Hard => continue,
+                // s - z / rho = room
+                Price::Quadratic(rho) => lane.z[i] = positive_root(room * rho, mu * rho),
+                // s - e = room, z + nu = rho
                 Price::Exact(rho) => {
-                    lane.z[i] = lane.z[i].min(0.5 * rho);
-                    slack.nu[i] = rho - lane.z[i];
-                    slack.e[i] = lane.s[i] * lane.z[i] / slack.nu[i];
-                    lane.r[i] -= slack.e[i];
+                    let part = |room: f64| mu * rho / (mu + positive_root(-room * rho, mu * mu));
+                    (lane.z[i], soft.nu[i]) = (part(room), part(-room));
+                    soft.e[i] = mu / soft.nu[i];
                 }
             }
+            lane.s[i] = mu / lane.z[i];
+            lane.r[i] = 0.0;
         }
+    }
+}
+
+/// The positive root of `t^2 + b t = c`, without cancellation; c > 0.
+fn positive_root(b: f64, c: f64) -> f64 {
+    let root = (0.25 * b * b + c).sqrt();
+    if b > 0.0 {
+        c / (0.5 * b + root)
+    } else {
+        root - 0.5 * b
     }
 }
 
