@@ -174,3 +174,138 @@ pub(super) fn advance(
     }
     gap
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::structured::StructuredSolver;
+    use crate::{
+        OcpQp, OcpSolver, Penalty, Softening, Solution, SolveStatus, SolverSettings, Stage, Start,
+        Terminal, TerminalSet,
+    };
+    use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
+
+    fn solve<const NX: usize>(problem: &OcpQp<NX, 1>) -> Solution<NX, 1> {
+        let mut solution = Solution::new(problem);
+        let mut solver = StructuredSolver::new(problem, SolverSettings::default()).unwrap();
+        solver.solve(problem, Start::Cold, &mut solution).unwrap();
+        solution
+    }
+
+    fn all_soft(penalty: Penalty) -> Softening {
+        Softening {
+            state_bounds: penalty,
+            rows: penalty,
+            terminal_set: penalty,
+        }
+    }
+
+    /// A double integrator, |u| <= 1, to the origin.
+    fn integrator(start: f64, horizon: usize) -> (Vec<Stage<2, 1>>, Vector2<f64>, Terminal<2>) {
+        let mut stage = Stage::new(Matrix2::new(1.0, 0.5, 0.0, 1.0), Vector2::new(0.125, 0.5));
+        (stage.u_min[0], stage.u_max[0]) = (-1.0, 1.0);
+        let mut terminal = Terminal::new(Matrix2::zeros());
+        terminal.set = TerminalSet::Equality {
+            target: Vector2::zeros(),
+        };
+        (vec![stage; horizon], Vector2::new(start, 0.0), terminal)
+    }
+
+    #[test]
+    fn soft_bounds_start_on_their_central_path_wherever_the_value_is() {
+        for price in [Price::Exact(1.0), Price::Exact(1e6), Price::Quadratic(1e6)] {
+            for (room, mu) in [
+                (-1e9, 1.0),
+                (-3.0, 1e-6),
+                (0.0, 1.0),
+                (2.0, 1e6),
+                (1e9, 1.0),
+            ] {
+                let mut lane = Lane::OFF;
+                (lane.on, lane.s, lane.r) = ([1.0; 4], [1.0; 4], [1.0 - room; 4]);
+                let mut slack = SlackLane::ONE;
+                let (side, slacks) = (&mut [lane], &mut [slack]);
+                enter(side, slacks, price, mu);
+                (lane, slack) = (side[0], slacks[0]);
+                let (s, z) = (lane.s[0], lane.z[0]);
+                let growth = match price {
+                    Price::Exact(rho) => {
+                        let (e, nu) = (slack.e[0], slack.nu[0]);
+                        assert!((e * nu - mu).abs() <= 1e-12 * mu && e > 0.0, "{room} {mu}");
+                        assert!((z + nu - rho).abs() <= 1e-12 * rho, "{room} {mu}");
+                        e
+                    }
+                    Price::Quadratic(rho) => z / rho,
+                    Price::Hard => 0.0,
+                };
+                // A few roundings of the larger of the two.
+                assert!((s * z - mu).abs() <= 1e-12 * mu && s > 0.0, "{room} {mu}");
+                let missed = (s - growth - room).abs();
+                assert!(missed <= 1e-12 * (s + growth), "{room} {mu}: {missed:e}");
+            }
+        }
+    }
+
+    // The set is up to 1e9 away from where any input within its bounds leads. The farthest end as trouble.
+    #[test]
+    fn unstable_lag_with_every_state_constraint_soft_is_never_refused() {
+        let mut solved = 0;
+        for growth in [1.05, 1.1, 1.2] {
+            for horizon in [20, 50, 100] {
+                let mut stage = Stage::new(Matrix1::new(growth), Matrix1::new(0.05));
+                (stage.q, stage.r) = (Matrix1::new(1.0), Matrix1::new(1e-4));
+                (stage.u_min[0], stage.u_max[0]) = (-1.0, 1.0);
+                (stage.x_min[0], stage.x_max[0]) = (-10.0, 10.0);
+                let mut terminal = Terminal::new(Matrix1::new(1.0));
+                terminal.set = TerminalSet::Ellipsoid {
+                    shape: Matrix1::new(1.0),
+                    center: Vector1::zeros(),
+                    level: 0.1,
+                };
+                let problem = OcpQp::new(Vector1::new(9.0), vec![stage; horizon], terminal);
+                let softening = all_soft(Penalty::Exact { weight: 30.0 });
+                let problem = problem.unwrap().with_softening(softening).unwrap();
+                let status = solve(&problem).status;
+                let refused = matches!(status, SolveStatus::PrimalInfeasible { .. });
+                assert!(!refused, "{growth}, N = {horizon}: {status:?}");
+                solved += usize::from(status == SolveStatus::Solved);
+            }
+        }
+        assert!(solved >= 6, "{solved} of 9 solved");
+    }
+
+    // 41 iterations at most; at the limit of 1000 while a target without width weighed 1e16 in the starting solve.
+    #[test]
+    fn linear_cost_and_a_soft_target_far_away() {
+        for weight in [40.0, 1e4] {
+            for (part, horizon) in [(0.5, 30), (1.0, 100), (30.0, 30)] {
+                let reach = 0.0625 * (horizon * horizon) as f64;
+                let (mut stages, start, terminal) = integrator(part * reach, horizon);
+                stages.iter_mut().for_each(|stage| stage.r_linear[0] = 1.0);
+                let problem = OcpQp::new(start, stages, terminal).unwrap();
+                let softening = all_soft(Penalty::Exact { weight });
+                let solution = solve(&problem.with_softening(softening).unwrap());
+                let case = format!("{weight}, {part} of the way, N = {horizon}");
+                assert_eq!(solution.status, SolveStatus::Solved, "{case}");
+                assert!(solution.iterations <= 60, "{case}: {}", solution.iterations);
+            }
+        }
+    }
+
+    // One input cannot mend position and speed in one stage: 100 iterations before the ray was tried.
+    #[test]
+    fn contradictory_equalities_are_refused_at_once() {
+        for start in [0.02, 1.0, 50.0] {
+            let (mut stages, start, terminal) = integrator(start, 1);
+            (stages[0].q, stages[0].r) = (Matrix2::identity(), Matrix1::new(0.1));
+            let solution = solve(&OcpQp::new(start, stages, terminal).unwrap());
+            let refused = matches!(solution.status, SolveStatus::PrimalInfeasible { .. });
+            assert!(refused, "{start}: {:?}", solution.status);
+            assert!(
+                solution.iterations <= 20,
+                "{start}: {}",
+                solution.iterations
+            );
+        }
+    }
+}
