@@ -246,7 +246,7 @@ mod tests {
         }
     }
 
-    // The set is up to 1e9 away from where any input within its bounds leads. The farthest end as trouble.
+    // The set is up to 1e9 away from where any input within its bounds leads. One of the nine ends as trouble.
     #[test]
     fn unstable_lag_with_every_state_constraint_soft_is_never_refused() {
         let mut solved = 0;
@@ -274,7 +274,7 @@ mod tests {
         assert!(solved >= 6, "{solved} of 9 solved");
     }
 
-    // 41 iterations at most; at the limit of 1000 while a target without width weighed 1e16 in the starting solve.
+    // 41 iterations at most; 67 and more while a target, which has no width, weighed 1e16 in the starting solve.
     #[test]
     fn linear_cost_and_a_soft_target_far_away() {
         for weight in [40.0, 1e4] {
