@@ -9,7 +9,7 @@
 //! P_xp = Hxu (M + W)^-1 W and P_pp = M (M + W)^-1 W. Neither subtracts numbers of the size of W,
 //! which grows without bound on active limits.
 
-use super::kernel::{Lanes, add_product, dot, sub_product};
+use super::kernel::{Lanes, add_product, sub_product};
 use super::riccati::{Gain, Stage};
 
 /// Curvature of the cost to go in (x, p).
@@ -98,6 +98,17 @@ fn mirror<const N: usize>(m: &mut [[f64; N]; N]) {
     }
 }
 
+/// The mean of both triangles in each.
+#[inline(always)]
+fn average<const N: usize>(m: &mut [[f64; N]; N]) {
+    for j in 0..N {
+        for i in j + 1..N {
+            let mean = 0.5 * (m[j][i] + m[i][j]);
+            (m[j][i], m[i][j]) = (mean, mean);
+        }
+    }
+}
+
 /// Eliminates u_k: from the value at k+1, `next`, to the value at k and the gain.
 ///
 /// Where weights on states can make P huge, the value's block in x is summed in closed-loop form (Joseph's): with F = A - B K and
@@ -119,13 +130,18 @@ pub(super) fn eliminate<L: Lanes, const NX: usize, const NU: usize>(
     for j in 0..NU {
         let column = add_product(lanes, &next.xx, &stage.b[j], &next.xp[j]);
         hxu[j] = add_product(lanes, &stage.at, &column, &cost.s[j]);
-        m[j] = add_product(lanes, &stage.bt, &column, &m[j]);
-        for i in j..NU {
-            m[j][i] += dot(lanes, &next.xp[i], &stage.b[j]) + next.pp[j][i];
+        // The coupling twice: the mean of both triangles makes of it B'Pxp and its transpose.
+        let mut coupled = column;
+        for i in 0..NX {
+            coupled[i] += next.xp[j][i];
+        }
+        m[j] = add_product(lanes, &stage.bt, &coupled, &m[j]);
+        for i in 0..NU {
+            m[j][i] += next.pp[j][i];
         }
         m[j][j] += cost.u_weight[j];
     }
-    mirror(&mut m);
+    average(&mut m);
     let mut total = m;
     for j in 0..NU {
         total[j][j] += cost.rate_weight[j];
@@ -204,12 +220,7 @@ fn closed_loop<L: Lanes, const NX: usize, const NU: usize>(
         let open = sub_product(lanes, cost.s, &k, &sub_product(lanes, kx, &g, &cost.q[j]));
         xx[j] = add_product(lanes, &rows, &column, &open);
     }
-    for j in 0..NX {
-        for i in j + 1..NX {
-            let mean = 0.5 * (xx[j][i] + xx[i][j]);
-            (xx[j][i], xx[i][j]) = (mean, mean);
-        }
-    }
+    average(xx);
 }
 
 /// Part of a diagonal entry that the subtraction must leave over.

@@ -220,11 +220,11 @@ fn kept_factorisation_equals_a_fresh_one() {
     assert!(settled >= 35, "{settled} settled");
 }
 
-// After a solve in the given units alone `first` holds the point that was not taken.
+// After a solve in the given units alone `first` holds the point that was not taken. Of a thousand problems these reach the careful pass.
 #[test]
 fn careful_pass_cut_short_leaves_the_better_point_and_the_whole_time() {
     let mut unsettled = 0;
-    for seed in 0..200 {
+    for seed in [288, 378, 595, 863, 867] {
         let problem = random::problem::<6, 2>(seed, &Recipe::badly_scaled(seed, 60)).unwrap();
         let fresh = Solution::new(&problem);
         let converted = Natural::new(&problem).enter(&problem, None, 1.0);
@@ -248,7 +248,7 @@ fn careful_pass_cut_short_leaves_the_better_point_and_the_whole_time() {
             }
         }
     }
-    assert!(unsettled > 0, "no pass was cut short");
+    assert!(unsettled > 5, "{unsettled} passes were cut short");
 }
 
 // A double integrator steered to the origin in units in which its states are 1e-6: the method of multipliers creeps.

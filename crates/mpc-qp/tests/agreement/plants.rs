@@ -224,3 +224,21 @@ fn furnace_far_below_its_soft_bounds_is_heated() {
         same_cost("furnace", &problem.with_softening(softening).unwrap());
     }
 }
+
+// A spiral that grows by 1.8 a step, near the most that the input can still hold: cut off, the free plan's feedback runs away by powers of 1.8. The
+// interior point that started there ended without an answer.
+#[test]
+fn unstable_plant_near_the_end_of_its_input_is_held() {
+    let (sin, cos) = 0.7_f64.sin_cos();
+    let a = Matrix2::new(cos, -sin, sin, cos) * 1.8;
+    let mut stage = Stage::new(a, Vector2::new(0.3, 1.0));
+    stage.q = Matrix2::identity();
+    stage.r = Matrix1::new(0.1);
+    (stage.u_min[0], stage.u_max[0]) = (-1.0, 1.0);
+    for horizon in [40, 60, 120] {
+        let stages = vec![stage.clone(); horizon];
+        let start = Vector2::new(0.5, -0.25);
+        let terminal = Terminal::new(Matrix2::identity() * 10.0);
+        same_cost("spiral", &OcpQp::new(start, stages, terminal).unwrap());
+    }
+}

@@ -11,7 +11,7 @@ impl<const NX: usize> Cone<NX> {
     pub(in crate::structured) fn start(&mut self, x: &[f64; NX], mu: f64) {
         let tail = self.offset(x);
         let norm = tail.iter().map(|t| t * t).sum::<f64>().sqrt();
-        let head = larger(1.0, norm * 1.1);
+        let head = larger(1.0, norm * 1.5);
         self.s = Point { head, tail };
         // z = mu s^-1: the product is exactly mu on the central path.
         let scale = mu / self.s.det();
