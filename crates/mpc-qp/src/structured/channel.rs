@@ -170,6 +170,27 @@ impl Channel {
         each * lanes.map(|lane| lane.on.iter().sum::<f64>()).sum::<f64>()
     }
 
+    /// Sum of multiplier times distance from the bound, and of soft slacks times theirs.
+    pub(super) fn gap(&self) -> f64 {
+        let mut gap = 0.0;
+        for side in 0..2 {
+            for (l, lane) in self.sides[side].iter().enumerate() {
+                for i in 0..4 {
+                    gap += lane.on[i] * (lane.z[i] * (lane.s[i] - lane.r[i])).abs();
+                    if let Price::Exact(_) = self.price {
+                        let slack = &self.slacks[side][l];
+                        gap += lane.on[i] * slack.e[i] * slack.nu[i];
+                    }
+                }
+            }
+        }
+        let held = self.fixed.iter().map(|fixed| {
+            let v = self.v[fixed.index / 4][fixed.index % 4];
+            (fixed.y * (v - fixed.target)).abs()
+        });
+        gap + held.sum::<f64>()
+    }
+
     /// Predictor: weights and affine forces from scratch.
     #[inline(always)]
     pub(super) fn weigh<L: Lanes>(&mut self, lanes: L) {

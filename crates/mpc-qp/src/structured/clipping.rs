@@ -20,6 +20,8 @@ pub(super) struct Cuts {
     pub(super) count: usize,
     /// Sum of multiplier times width over the first [`FEW`] of them. The multiplier is what the free cost to go asks for.
     pub(super) products: f64,
+    /// Whether the plan ends far dearer than it begins, as cut-off feedback of an unstable plant does.
+    pub(super) runs_away: bool,
 }
 
 /// Cuts up to which a guess is worth a sweep.

@@ -2,6 +2,7 @@
 
 use super::StructuredSolver;
 use super::clipping::Cuts;
+use super::cone::Cone;
 use super::kernel::run;
 use super::passes::{Advance, Backward, ConeTerm, Factorise, Forward, Weigh};
 use super::soft::Price;
@@ -52,6 +53,11 @@ const FALLEN: f64 = 0.9;
 
 /// Residual at which a ray is taken: a few more steps cost little and prove ten times as much as a proof has to.
 const RAY_TOLERANCE: f64 = 1e-7;
+
+/// A stop, unless it comes after the optimality conditions once held.
+fn or_settled(stop: SolveStatus, settled: bool) -> SolveStatus {
+    if settled { SolveStatus::Solved } else { stop }
+}
 
 impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
     /// Active-set sweeps from the iterate's guess; comes back to the iterate if they do not settle. A guess that has `failed` before is
@@ -174,6 +180,8 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let mut failed = false;
         let tolerance = self.settings.tolerance;
         let mut watched = (f64::INFINITY, f64::INFINITY);
+        // Converged in all but the gap beside the objective: worth more than any stop.
+        let mut settled = false;
         // Largest distance of what is held by the method of multipliers.
         let mut distance = f64::INFINITY;
         for iteration in 0..MOST_ITERATIONS {
@@ -188,7 +196,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 watched = (mu, infeasible);
             }
             if self.out_of_time() {
-                return SolveStatus::TimeLimit;
+                return or_settled(SolveStatus::TimeLimit, settled);
             }
             self.iterations += 1;
             let newton = &mut self.newton;
@@ -228,7 +236,8 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             }
             let fixed = self.fixed_residual();
             // Equalities that contradict each other are left where they are by one full step after the other.
-            let stands = infeasible <= 1e-10 && fixed > tolerance && fixed > 0.5 * distance;
+            let stands =
+                infeasible <= 1e-10 && step > 0.9 && fixed > tolerance && fixed > 0.5 * distance;
             distance = fixed;
             let stuck = !(step > 1e-12 && reach.product.is_finite() && mu.is_finite() && mu < 1e40);
             short_steps = if step < 0.3 { short_steps + 1 } else { 0 };
@@ -239,7 +248,7 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 return status;
             }
             if stuck {
-                return SolveStatus::NumericalTrouble;
+                return or_settled(SolveStatus::NumericalTrouble, settled);
             }
             let identified = step > 0.5 && sigma < 0.1 && infeasible < 3e-3;
             if identified && self.finish(&mut failed) {
@@ -249,19 +258,30 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
                 && infeasible < 0.1 * tolerance
                 && fixed < 0.1 * tolerance;
             if converged && (self.stationary(tolerance) || self.refine(tolerance)) {
-                // The products are small beside the cost in here; the gap has to be so beside the problem's objective.
-                self.conclude(problem, SolveStatus::Solved, solution);
-                let gap = solution.residuals.complementarity.relative();
-                if gap <= tolerance || mu * count < EXHAUSTED * tolerance {
+                settled = true;
+                if self.gap_is_small(problem, solution) {
                     return SolveStatus::Solved;
                 }
-                continue;
             }
             if (converged || stands) && mu * count < EXHAUSTED * tolerance {
-                return SolveStatus::NumericalTrouble;
+                return or_settled(SolveStatus::NumericalTrouble, settled);
             }
+        }
+        if settled {
+            return SolveStatus::Solved;
         }
         self.infeasible(problem, solution)
             .unwrap_or(SolveStatus::IterationLimit)
+    }
+
+    /// Whether multipliers times distances are small beside the problem's objective. The products alone are small beside the cost in here, and know
+    /// nothing of what is left of large starting residuals.
+    fn gap_is_small(&mut self, problem: &OcpQp<NX, NU>, solution: &mut Solution<NX, NU>) -> bool {
+        let channels = self.newton.channels();
+        let gap: f64 = channels.iter().map(|channel| channel.gap()).sum();
+        let gap = gap + self.newton.cone.as_ref().map_or(0.0, Cone::gap);
+        self.newton.write(solution);
+        let objective = problem.objective(&solution.x, &solution.u, &solution.slacks);
+        self.newton.cost_unit * gap <= self.settings.tolerance * objective.abs().max(1.0)
     }
 }

@@ -204,7 +204,7 @@ impl<const NX: usize, const NU: usize> Newton<NX, NU> {
         }
         self.load_terminal_set(problem);
         // Nobody else touches these once their last bound is gone.
-        for channel in [&mut self.inputs, &mut self.rates] {
+        for channel in self.channels() {
             if !channel.any() {
                 channel.weight.fill([0.0; 4]);
                 channel.force.fill([0.0; 4]);

@@ -105,7 +105,7 @@ pub(super) fn at<const M: usize>(values: &[[f64; 4]], k: usize) -> &[f64; M] {
 }
 
 #[inline(always)]
-pub(super) fn at_mut<const M: usize>(values: &mut [[f64; 4]], k: usize) -> &mut [f64; M] {
+fn at_mut<const M: usize>(values: &mut [[f64; 4]], k: usize) -> &mut [f64; M] {
     &mut values.as_flattened_mut().as_chunks_mut::<M>().0[k]
 }
 

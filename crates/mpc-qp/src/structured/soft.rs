@@ -70,7 +70,7 @@ pub(super) fn enter(side: &mut [Lane], slacks: &mut [SlackLane], price: Price, m
 
 /// The positive root of `t^2 + b t = c`, without cancellation; c > 0.
 fn positive_root(b: f64, c: f64) -> f64 {
-    let root = (0.25 * b * b + c).sqrt();
+    let root = (0.5 * b).hypot(c.sqrt());
     if b > 0.0 {
         c / (0.5 * b + root)
     } else {

@@ -27,8 +27,8 @@ const MOST_PRODUCT: f64 = 1e12;
 const RUNAWAY: f64 = 10.0;
 
 impl<const NX: usize, const NU: usize> Newton<NX, NU> {
-    /// Whether the states at hand become dearer, by the cost to go, than the first is.
-    fn runs_away(&self) -> bool {
+    /// Whether the states at hand become far dearer, by the cost to go at hand, than the first is.
+    pub(super) fn runs_away(&self) -> bool {
         let cost_to_go = |k: usize| {
             let (x, p) = (self.x(k), &self.values[k].xx);
             let column = |j: usize| x.iter().zip(&p[j]).map(|(x, p)| x * p).sum::<f64>();
@@ -56,9 +56,9 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
             } else {
                 1.0
             };
-        // Where only inputs and rates have bounds, the plan at hand keeps them, and needs no more than room. Elsewhere a plan that meets
-        // the bounds of states halfway is worth a solve, and where cut-off feedback lets an unstable plant run away, one that does not.
-        let least = if self.newton.weighs_states() || self.newton.runs_away() {
+        // Where only inputs and rates have bounds, the clipped plan, or what the last sweep made of it, needs no more than room. Elsewhere a plan
+        // that meets the bounds of states halfway is worth a solve, and where cut-off feedback runs away, one that does not.
+        let least = if self.newton.weighs_states() || cuts.runs_away {
             for channel in self.newton.channels() {
                 channel.center(CENTERING * mu);
             }

@@ -71,10 +71,11 @@ impl<const NX: usize, const NU: usize> StructuredSolver<NX, NU> {
         let newton = &mut self.newton;
         newton.inputs.guess_nothing();
         newton.rates.guess_nothing();
-        let cuts = run(SolveAbsolute {
+        let mut cuts = run(SolveAbsolute {
             newton,
             clipped: true,
         });
+        cuts.runs_away = cuts.count > 0 && newton.runs_away();
         for channel in [&mut newton.states, &mut newton.rows, &mut newton.terminal] {
             channel.guess_from_values();
         }

@@ -18,10 +18,10 @@ mod units;
 use mpc_qp::problems::random::{Recipe, SetKind, problem as random_problem};
 use mpc_qp::problems::tracking::Tracking;
 use mpc_qp::{
-    ClarabelSolver, ConstraintGroup, OcpQp, OcpSolver, Solution, SolveStatus, SolverSettings,
+    ClarabelSolver, ConstraintGroup, OcpQp, OcpSolver, Row, Solution, SolveStatus, SolverSettings,
     Stage, Start, StructuredSolver, Terminal, TerminalSetMultipliers,
 };
-use nalgebra::{SMatrix, SVector, Vector2, Vector6};
+use nalgebra::{Matrix1, Matrix2, SMatrix, SVector, Vector1, Vector2, Vector6};
 
 fn structured<const NX: usize, const NU: usize>(problem: &OcpQp<NX, NU>) -> Solution<NX, NU> {
     let mut solution = Solution::new(problem);
@@ -166,6 +166,34 @@ fn refilled_equals_freshly_made() {
         assert_eq!(solution.u, fresh.u, "seed {seed}");
         assert_eq!(solution.multipliers, fresh.multipliers, "seed {seed}");
     }
+}
+
+// The forces of rows without a bound once stood in for those that had gone.
+#[test]
+fn rows_that_go_away_leave_nothing_behind() {
+    let mut stage = Stage::new(Matrix2::new(1.0, 0.1, 0.0, 1.0), Vector2::new(0.005, 0.1));
+    (stage.q, stage.r) = (Matrix2::identity(), Matrix1::new(0.1));
+    stage.rows = vec![Row {
+        g_x: Vector2::zeros(),
+        h_u: -Vector1::new(1.0),
+        upper: 0.5,
+    }];
+    let terminal = Terminal::new(Matrix2::identity());
+    let stages = vec![stage.clone(); 10];
+    let mut problem = OcpQp::new(Vector2::new(1.0, 0.0), stages, terminal).unwrap();
+    let mut solver = StructuredSolver::new(&problem, SolverSettings::default()).unwrap();
+    let mut solution = Solution::new(&problem);
+    solver.solve(&problem, Start::Cold, &mut solution).unwrap();
+    assert!(solution.multipliers.stages[0].rows[0] > 0.1);
+    stage.rows[0].upper = f64::INFINITY;
+    for k in 0..10 {
+        problem.set_stage(k, &stage).unwrap();
+    }
+    solver.solve(&problem, Start::Warm, &mut solution).unwrap();
+    assert_eq!(solution.status, SolveStatus::Solved);
+    // One solve without bounds; rounding.
+    assert_eq!(solution.iterations, 1);
+    assert!((solution.u[0] - structured(&problem).u[0]).amax() <= 1e-9);
 }
 
 #[test]

@@ -223,6 +223,15 @@ fn contradiction_much_larger_than_its_rows_is_proved() {
     }
 }
 
+// Ended by products that were small in the cost's own unit alone, these were 1e-7 and 1e-6 of their cost too dear.
+#[test]
+fn gap_is_small_beside_the_objective() {
+    let seed = 9_492_816_762_114_775_343;
+    agree::<7, 1>(seed, &Recipe::softened(seed, 60)).unwrap();
+    let seed = 14_558_166_817_706_580_873;
+    agree::<1, 1>(seed, &Recipe::softened(seed, 60)).unwrap();
+}
+
 // Measured: all of 750 of each kind.
 #[test]
 fn long_ordinary_problems_are_solved_or_refused_without_exception() {

@@ -129,6 +129,17 @@ impl<const NX: usize> Cone<NX> {
         }
     }
 
+    /// Multiplier times distance, and the slack of a soft set times its own.
+    pub(super) fn gap(&self) -> f64 {
+        let distance = self.s.plus(-1.0, &self.r);
+        let own = if let Price::Exact(_) = self.price {
+            self.e * self.nu
+        } else {
+            0.0
+        };
+        distance.inner(&self.z).abs() + own
+    }
+
     /// The multiplier in the problem's units: (radius, offset).
     pub(super) fn multiplier(&self) -> (f64, [f64; NX]) {
         (
