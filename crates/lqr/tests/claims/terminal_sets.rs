@@ -55,6 +55,28 @@ fn difference(x: &[f64], y: &[f64]) -> Vec<f64> {
     x.iter().zip(y).map(|(x, y)| x - y).collect()
 }
 
+/// The system with its last input as a state and this weight on rates, and the solution of its Riccati equation.
+fn rate_augmented(system: &System, r_rate: &Mat<f64>) -> (RateAugmented, lqr::DareSolution) {
+    let augmented = RateAugmented::new(
+        system.a.as_ref(),
+        system.b.as_ref(),
+        system.q.as_ref(),
+        system.r.as_ref(),
+        r_rate.as_ref(),
+    )
+    .unwrap();
+    let solution = lqr::Dare::new(
+        augmented.a.as_ref(),
+        augmented.b.as_ref(),
+        augmented.q.as_ref(),
+        augmented.r.as_ref(),
+    )
+    .with_cross(augmented.s.as_ref())
+    .solve()
+    .unwrap();
+    (augmented, solution)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(80))]
 
@@ -108,10 +130,7 @@ proptest! {
     fn augmented_set_bounds_the_first_change_after_an_outside_input((n, m, radius, seed) in (1..=4_usize, 1..=2_usize, 0.3..1.3_f64, any::<u64>())) {
         let mut source = Source(seed);
         let system = System::random(&mut source, n, m, radius, 0.5);
-        let r_rate = Mat::<f64>::identity(m, m);
-        let augmented = RateAugmented::new(system.a.as_ref(), system.b.as_ref(), system.q.as_ref(), system.r.as_ref(), r_rate.as_ref()).unwrap();
-        let solution = lqr::Dare::new(augmented.a.as_ref(), augmented.b.as_ref(), augmented.q.as_ref(), augmented.r.as_ref())
-            .with_cross(augmented.s.as_ref()).solve().unwrap();
+        let (augmented, solution) = rate_augmented(&system, &Mat::identity(m, m));
         prop_assume!(solution.condition < 1e6);
         let original = limits(&mut source, n, m);
         let rows = RateAugmented::constraints(&original)
@@ -381,23 +400,7 @@ fn a_bound_that_is_none_is_refused() {
 fn without_a_weight_on_the_rate_the_augmented_law_is_the_plain_one() {
     let system = System::random(&mut Source(12), 3, 2, 1.2, 0.5);
     let plain = system.dare().solve().unwrap();
-    let augmented = RateAugmented::new(
-        system.a.as_ref(),
-        system.b.as_ref(),
-        system.q.as_ref(),
-        system.r.as_ref(),
-        Mat::<f64>::zeros(2, 2).as_ref(),
-    )
-    .unwrap();
-    let solution = lqr::Dare::new(
-        augmented.a.as_ref(),
-        augmented.b.as_ref(),
-        augmented.q.as_ref(),
-        augmented.r.as_ref(),
-    )
-    .with_cross(augmented.s.as_ref())
-    .solve()
-    .unwrap();
+    let (_, solution) = rate_augmented(&system, &Mat::zeros(2, 2));
     // P = diag(P_x, 0) and du = Kx - u_prev, up to rounding of a well-conditioned problem.
     let p = Mat::from_fn(
         5,
@@ -431,23 +434,7 @@ fn without_a_weight_on_the_rate_there_is_no_level_set() {
         let system = System::random(&mut source, n, m, 1.2, 0.5);
         // The last input's change has no weight, the others' may have one.
         let weight = |i: usize, j: usize| f64::from(i == j && i + 1 < m && seed % 2 == 0);
-        let augmented = RateAugmented::new(
-            system.a.as_ref(),
-            system.b.as_ref(),
-            system.q.as_ref(),
-            system.r.as_ref(),
-            Mat::from_fn(m, m, weight).as_ref(),
-        )
-        .unwrap();
-        let solution = lqr::Dare::new(
-            augmented.a.as_ref(),
-            augmented.b.as_ref(),
-            augmented.q.as_ref(),
-            augmented.r.as_ref(),
-        )
-        .with_cross(augmented.s.as_ref())
-        .solve()
-        .unwrap();
+        let (_, solution) = rate_augmented(&system, &Mat::from_fn(m, m, weight));
         assert!(solution.condition.is_infinite(), "seed {seed}");
         assert_eq!(
             Ellipsoid::largest(solution.p.as_ref(), &[]).unwrap_err(),

@@ -58,23 +58,24 @@ impl Limits<'_> {
         let mut within = true;
         for i in 0..NU {
             for side in 0..2 {
-                let limit = self.limit(side, k * NU + i, before[i]).0;
-                within &= SIGN[side] * u[i] - limit <= ROUNDING * (1.0 + limit.abs());
+                within &= self.excess(side, k * NU + i, u[i], before[i]).is_none();
             }
         }
         !within && self.cut(k, u, before, gain, hold)
     }
 
-    /// The nearer of the limits of an input and of its rate on one side, and whether it is the input's.
+    /// By how much an input is beyond the nearer of its limit and that of its rate on one side, that limit, and whether it is the input's.
     #[inline(always)]
-    fn limit(&self, side: usize, index: usize, before: f64) -> (f64, bool) {
+    fn excess(&self, side: usize, index: usize, u: f64, before: f64) -> Option<(f64, f64, bool)> {
         let by_input = self.inputs[side][index / 4].limit(index % 4);
         let by_rate = self.rates[side][index / 4].limit(index % 4) + SIGN[side] * before;
-        if by_input <= by_rate {
+        let (limit, of_input) = if by_input <= by_rate {
             (by_input, true)
         } else {
             (by_rate, false)
-        }
+        };
+        let excess = SIGN[side] * u - limit;
+        (excess > ROUNDING * (1.0 + limit.abs())).then_some((excess, limit, of_input))
     }
 
     fn cut<const NX: usize, const NU: usize>(
@@ -94,11 +95,11 @@ impl Limits<'_> {
                 continue;
             }
             for side in 0..2 {
-                let (limit, by_input) = self.limit(side, k * NU + i, before[i]);
-                let excess = SIGN[side] * u[i] - limit;
-                if excess > ROUNDING * (1.0 + limit.abs()) {
+                if let Some((excess, limit, of_input)) =
+                    self.excess(side, k * NU + i, u[i], before[i])
+                {
                     u[i] = SIGN[side] * limit;
-                    let cutting = if by_input {
+                    let cutting = if of_input {
                         &mut self.inputs
                     } else {
                         &mut self.rates

@@ -192,25 +192,6 @@ mod tests {
         solution
     }
 
-    fn all_soft(penalty: Penalty) -> Softening {
-        Softening {
-            state_bounds: penalty,
-            rows: penalty,
-            terminal_set: penalty,
-        }
-    }
-
-    /// A double integrator, |u| <= 1, to the origin.
-    fn integrator(start: f64, horizon: usize) -> (Vec<Stage<2, 1>>, Vector2<f64>, Terminal<2>) {
-        let mut stage = Stage::new(Matrix2::new(1.0, 0.5, 0.0, 1.0), Vector2::new(0.125, 0.5));
-        (stage.u_min[0], stage.u_max[0]) = (-1.0, 1.0);
-        let mut terminal = Terminal::new(Matrix2::zeros());
-        terminal.set = TerminalSet::Equality {
-            target: Vector2::zeros(),
-        };
-        (vec![stage; horizon], Vector2::new(start, 0.0), terminal)
-    }
-
     #[test]
     fn soft_bounds_start_on_their_central_path_wherever_the_value_is() {
         for price in [Price::Exact(1.0), Price::Exact(1e6), Price::Quadratic(1e6)] {
@@ -263,7 +244,12 @@ mod tests {
                     level: 0.1,
                 };
                 let problem = OcpQp::new(Vector1::new(9.0), vec![stage; horizon], terminal);
-                let softening = all_soft(Penalty::Exact { weight: 30.0 });
+                let penalty = Penalty::Exact { weight: 30.0 };
+                let softening = Softening {
+                    state_bounds: penalty,
+                    rows: penalty,
+                    terminal_set: penalty,
+                };
                 let problem = problem.unwrap().with_softening(softening).unwrap();
                 let status = solve(&problem).status;
                 let refused = matches!(status, SolveStatus::PrimalInfeasible { .. });
@@ -278,9 +264,15 @@ mod tests {
     #[test]
     fn contradictory_equalities_are_refused_at_once() {
         for start in [0.02, 1.0, 50.0] {
-            let (mut stages, start, terminal) = integrator(start, 1);
-            (stages[0].q, stages[0].r) = (Matrix2::identity(), Matrix1::new(0.1));
-            let solution = solve(&OcpQp::new(start, stages, terminal).unwrap());
+            let mut stage = Stage::new(Matrix2::new(1.0, 0.5, 0.0, 1.0), Vector2::new(0.125, 0.5));
+            (stage.q, stage.r) = (Matrix2::identity(), Matrix1::new(0.1));
+            (stage.u_min[0], stage.u_max[0]) = (-1.0, 1.0);
+            let mut terminal = Terminal::new(Matrix2::zeros());
+            terminal.set = TerminalSet::Equality {
+                target: Vector2::zeros(),
+            };
+            let problem = OcpQp::new(Vector2::new(start, 0.0), vec![stage], terminal);
+            let solution = solve(&problem.unwrap());
             let refused = matches!(solution.status, SolveStatus::PrimalInfeasible { .. });
             assert!(refused, "{start}: {:?}", solution.status);
             assert!(
